@@ -1,0 +1,86 @@
+//! Cameras as photographs come with them, and distortion-free ones.
+
+use nalgebra::{Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::{Intrinsics, Lens, Size};
+
+/// A camera as calibrated: size, linear part and lens.
+///
+/// Geometry never works with this type directly: [`crate::undistort`] turns it into a [`Pinhole`]
+/// together with its photograph, so that a distortion cannot be ignored by accident.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// The size of the image in pixels.
+    pub size: Size,
+    /// Focal lengths and principal point.
+    pub intrinsics: Intrinsics,
+    /// The lens distortion.
+    pub lens: Lens,
+}
+
+/// A camera without distortion.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pinhole {
+    /// The size of the image in pixels.
+    pub size: Size,
+    /// Focal lengths and principal point.
+    pub intrinsics: Intrinsics,
+}
+
+impl Camera {
+    /// The camera of the same image resized to `size`.
+    #[must_use]
+    pub fn resized(&self, size: Size) -> Self {
+        Self { size, intrinsics: resized_intrinsics(&self.intrinsics, self.size, size), lens: self.lens }
+    }
+
+    /// Image coordinates of a point in the camera's frame; `None` behind the camera or where the
+    /// lens model folds over.
+    #[must_use]
+    pub fn project(&self, x_in_cam: &Vector3<f64>) -> Option<Vector2<f64>> {
+        if x_in_cam.z <= 0.0 {
+            return None;
+        }
+        let bent = self.lens.distort(&Vector2::new(x_in_cam.x / x_in_cam.z, x_in_cam.y / x_in_cam.z))?;
+        Some(self.intrinsics.project(&bent.push(1.0)))
+    }
+}
+
+impl Pinhole {
+    /// The camera of the same image resized to `size`.
+    #[must_use]
+    pub fn resized(&self, size: Size) -> Self {
+        Self { size, intrinsics: resized_intrinsics(&self.intrinsics, self.size, size) }
+    }
+
+    /// Image coordinates of a point in the camera's frame; `None` unless it is before the camera
+    /// and inside the image.
+    #[must_use]
+    pub fn project_inside(&self, x_in_cam: &Vector3<f64>) -> Option<Vector2<f64>> {
+        if x_in_cam.z <= 0.0 {
+            return None;
+        }
+        let pixel = self.intrinsics.project(x_in_cam);
+        self.contains(&pixel).then_some(pixel)
+    }
+
+    /// Whether image coordinates lie inside `[0, W) × [0, H)`.
+    #[must_use]
+    pub fn contains(&self, pixel: &Vector2<f64>) -> bool {
+        pixel.x >= 0.0
+            && pixel.y >= 0.0
+            && pixel.x < self.size.width as f64
+            && pixel.y < self.size.height as f64
+    }
+}
+
+impl From<Pinhole> for Camera {
+    fn from(pinhole: Pinhole) -> Self {
+        Self { size: pinhole.size, intrinsics: pinhole.intrinsics, lens: Lens::None }
+    }
+}
+
+fn resized_intrinsics(intrinsics: &Intrinsics, from: Size, to: Size) -> Intrinsics {
+    intrinsics.scaled(to.width as f64 / from.width as f64, to.height as f64 / from.height as f64)
+}

@@ -1,0 +1,21 @@
+//! A dense cloud of coloured, oriented points.
+
+use crate::Rgb;
+
+/// One point of a cloud.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CloudPoint {
+    /// Position in the world.
+    pub x_in_world: [f64; 3],
+    /// Unit normal in the world, towards the cameras that saw the point.
+    pub normal: [f32; 3],
+    /// Colour.
+    pub colour: Rgb,
+    /// Confidence in [0, 1].
+    pub confidence: f32,
+    /// Number of views that agree on the point.
+    pub views: u8,
+}
+
+/// A dense cloud.
+pub type Cloud = Vec<CloudPoint>;

@@ -1,0 +1,24 @@
+//! A view's estimated depth.
+
+use crate::{Grid, Pinhole, Pose};
+
+/// Depth and confidence of each pixel of a view, with the camera they belong to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthMap {
+    /// The camera at the depth map's size.
+    pub camera: Pinhole,
+    /// The pose.
+    pub cam_from_world: Pose,
+    /// Depth z in scene units; 0 where there is none.
+    pub depth: Grid<f32>,
+    /// Confidence of the final depth in [0, 1].
+    pub confidence: Grid<f32>,
+    /// Confidence of the coarse stage in [0, 1] at the same size, where the maker tells one.
+    pub coarse_confidence: Option<Grid<f32>>,
+}
+
+/// Whether a depth value is one: finite and positive.
+#[must_use]
+pub fn is_valid(depth: f32) -> bool {
+    depth.is_finite() && depth > 0.0
+}

@@ -1,0 +1,293 @@
+//! The span of depths in which a view's surface is searched.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Pose, Scene, Size, SparsePoint, View};
+
+/// Nearest and farthest depth, scene units.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DepthRange {
+    /// Nearest depth, positive.
+    pub near: f64,
+    /// Farthest depth, beyond `near`.
+    pub far: f64,
+}
+
+/// A depth range that is none.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("a depth range needs 0 < near < far, both finite; got near {near}, far {far}")]
+pub struct DepthRangeError {
+    /// As given.
+    pub near: f64,
+    /// As given.
+    pub far: f64,
+}
+
+impl DepthRange {
+    /// Checks that 0 < near < far, both finite.
+    ///
+    /// # Errors
+    /// If not.
+    pub fn try_new(near: f64, far: f64) -> Result<Self, DepthRangeError> {
+        if near.is_finite() && far.is_finite() && near > 0.0 && near < far {
+            Ok(Self { near, far })
+        } else {
+            Err(DepthRangeError { near, far })
+        }
+    }
+}
+
+/// Where a depth range comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RangeOrigin {
+    /// The scene's files give it.
+    File,
+    /// The depths of triangulated points.
+    Points,
+    /// Where the cameras look, and how far apart they stand.
+    Geometry,
+}
+
+impl std::fmt::Display for RangeOrigin {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::File => "the scene's files",
+            Self::Points => "sparse points",
+            Self::Geometry => "camera geometry",
+        })
+    }
+}
+
+/// Fewest points that tell a range.
+const FEWEST_POINTS: usize = 10;
+
+/// How far before and behind the focus geometry looks, as a factor.
+const FOCUS_MARGIN: f64 = 2.5;
+
+/// The widest and the narrowest angle, degrees, between the rays from a surface to two cameras that do
+/// not turn towards each other.
+const BASELINE_ANGLES: (f64, f64) = (20.0, 2.0);
+
+/// Optical axes with a smaller sine of the angle between them count as parallel (1.8°).
+const PARALLEL: f64 = 0.0316;
+
+/// The range of a view: that of the scene's files, else [`from_points`], else [`from_geometry`].
+#[must_use]
+pub fn for_view(scene: &Scene, view: usize, sources: &[usize]) -> Option<(DepthRange, RangeOrigin)> {
+    let from_file = || Some((scene.views[view].depth_range?, RangeOrigin::File));
+    let from_points = || Some((from_points(scene, view)?, RangeOrigin::Points));
+    let from_geometry = || Some((from_geometry(scene, view, sources)?, RangeOrigin::Geometry));
+    from_file().or_else(from_points).or_else(from_geometry)
+}
+
+/// The range of the triangulated points that a view saw, or, where tracks do not tell at least ten of
+/// them, of all points that project into its image; `None` if these too are fewer than ten.
+///
+/// Of the depths, 1 % at either end are left out, and up to 5 % if they lie far out: beyond the cube
+/// of the ratio of the quartiles (at least 1.5, so a factor of 3.4) from their quartile. The margin is
+/// a tenth of what remains, at least 2 % of the median depth; the near one leaves at least half of the
+/// nearest depth.
+#[must_use]
+pub fn from_points(scene: &Scene, view: usize) -> Option<DepthRange> {
+    let seen = scene.points.iter().filter(|point| point.views.contains(&view));
+    let depths = depths_in(&scene.views[view], seen);
+    if depths.len() >= FEWEST_POINTS {
+        return robust_range(depths);
+    }
+    let inside = scene.points.iter().filter(|point| is_inside(&scene.views[view], point));
+    let depths = depths_in(&scene.views[view], inside);
+    (depths.len() >= FEWEST_POINTS).then(|| robust_range(depths))?
+}
+
+/// The range that cameras alone suggest.
+///
+/// Where the optical axes of at least half of the sources converge with the view's own, people
+/// photographed something there: the range is the quartiles of the depths at which they come closest,
+/// widened by a factor of 2.5. Otherwise, as on a walk along a façade, it is the depths at which the
+/// median baseline is seen under 20° and under 2°: nearer, source images would show too different
+/// surfaces, farther, they tell no depth. `None` without sources, or if all stand at the same place.
+#[must_use]
+pub fn from_geometry(scene: &Scene, view: usize, sources: &[usize]) -> Option<DepthRange> {
+    let reference = &scene.views[view].cam_from_world;
+    let poses = || sources.iter().map(|&source| &scene.views[source].cam_from_world);
+    let mut focus: Vec<f64> = poses().filter_map(|source| depth_of_approach(reference, source)).collect();
+    if !focus.is_empty() && 2 * focus.len() >= sources.len() {
+        let (near, far) = (quantile(&mut focus, 0.25)?, quantile(&mut focus, 0.75)?);
+        return DepthRange::try_new(near / FOCUS_MARGIN, far * FOCUS_MARGIN).ok();
+    }
+    let mut baselines: Vec<f64> =
+        poses().map(|source| (source.centre() - reference.centre()).norm()).collect();
+    let baseline = quantile(&mut baselines, 0.5)?;
+    let depth = |degrees: f64| 0.5 * baseline / (0.5 * degrees).to_radians().tan();
+    DepthRange::try_new(depth(BASELINE_ANGLES.0), depth(BASELINE_ANGLES.1)).ok()
+}
+
+/// The depths of points before a view.
+fn depths_in<'a>(view: &View, points: impl Iterator<Item = &'a SparsePoint>) -> Vec<f64> {
+    let depths = points.map(|point| view.cam_from_world.transform(&point.x_in_world).z);
+    depths.filter(|z| z.is_finite() && *z > 0.0).collect()
+}
+
+/// Whether a point projects into a view's image.
+fn is_inside(view: &View, point: &SparsePoint) -> bool {
+    let Size { width, height } = view.camera.size;
+    let pixel = view.camera.project(&view.cam_from_world.transform(&point.x_in_world));
+    pixel.is_some_and(|p| p.x >= 0.0 && p.y >= 0.0 && p.x < width as f64 && p.y < height as f64)
+}
+
+/// The span of most of the depths, and a margin, as [`from_points`] tells.
+fn robust_range(mut depths: Vec<f64>) -> Option<DepthRange> {
+    depths.sort_by(f64::total_cmp);
+    let last = depths.len() - 1;
+    let rank = |share: f64| (share * last as f64).ceil() as usize;
+    let (nearer, farther) = (depths[rank(0.25)], depths[last - rank(0.25)]);
+    let reach = (farther / nearer).max(1.5).powi(3);
+    // The first that is not far out, among the ranks at which an end may be.
+    let end = |from_end: &dyn Fn(usize) -> f64, far_out: &dyn Fn(f64) -> bool| {
+        let ranks = rank(0.01)..rank(0.05);
+        ranks.map(from_end).find(|&depth| !far_out(depth)).unwrap_or_else(|| from_end(rank(0.05)))
+    };
+    let near = end(&|rank| depths[rank], &|depth| depth < nearer / reach);
+    let far = end(&|rank| depths[last - rank], &|depth| depth > farther * reach);
+    let margin = (0.1 * (far - near)).max(0.02 * depths[last / 2]);
+    DepthRange::try_new((near - margin).max(0.5 * near), far + margin).ok()
+}
+
+/// The depth in view `a` at which its optical axis comes closest to that of `b`; `None` if that is
+/// behind either, or the axes are nearly parallel.
+fn depth_of_approach(a: &Pose, b: &Pose) -> Option<f64> {
+    let (axis_a, axis_b) = (a.forward(), b.forward());
+    let a_to_b = b.centre() - a.centre();
+    let cosine = axis_a.dot(&axis_b);
+    let squared_sine = axis_a.cross(&axis_b).norm_squared();
+    let along_a = (a_to_b.dot(&axis_a) - cosine * a_to_b.dot(&axis_b)) / squared_sine;
+    let along_b = (cosine * a_to_b.dot(&axis_a) - a_to_b.dot(&axis_b)) / squared_sine;
+    (squared_sine > PARALLEL * PARALLEL && along_a > 0.0 && along_b > 0.0).then_some(along_a)
+}
+
+/// The value of which a share of the values is smaller; `None` of no values.
+fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get((share * values.len().saturating_sub(1) as f64).round() as usize).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::{Intrinsics, Pinhole};
+
+    fn view(cam_from_world: Pose) -> View {
+        let intrinsics = Intrinsics { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0 };
+        let camera = Pinhole { size: Size::new(640, 480), intrinsics }.into();
+        View { id: 0, name: "a.png".into(), camera, cam_from_world, depth_range: None }
+    }
+
+    /// A view at the origin that looks along z, and points at these depths that views saw.
+    fn scene(depths: impl IntoIterator<Item = f64>, views: &[usize]) -> Scene {
+        let point = |z: f64| SparsePoint { x_in_world: Vector3::new(0.1 * z, 0.0, z), views: views.to_vec() };
+        let points = depths.into_iter().map(point).collect();
+        Scene { views: vec![view(Pose::identity())], points, pairs: None }
+    }
+
+    /// `count` depths evenly from 4 to 6.
+    fn even(count: usize) -> impl Iterator<Item = f64> {
+        (0..count).map(move |i| 4.0 + 2.0 * i as f64 / (count - 1) as f64)
+    }
+
+    #[test]
+    fn points_give_their_range_and_a_margin() {
+        let range = from_points(&scene(even(1001), &[0]), 0).unwrap();
+        // 1 % of 2 is left out, then a tenth of 1.96 added.
+        assert!((range.near - (4.02 - 0.196)).abs() < 1e-9 && (range.far - (5.98 + 0.196)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn outliers_do_not_widen_the_range() {
+        let outliers = (0..40).map(|i| if i % 2 == 0 { 1e4 + f64::from(i) } else { 1e-4 });
+        let range = from_points(&scene(even(960).chain(outliers), &[0]), 0).unwrap();
+        assert!(range.near > 3.5 && range.near < 4.0 && range.far > 6.0 && range.far < 6.5, "{range:?}");
+        let few = from_points(&scene(even(11).chain([1e6]), &[0]), 0).unwrap();
+        assert!(few.near < 4.3 && few.far > 5.8 && few.far < 6.5, "{few:?}");
+    }
+
+    #[test]
+    fn a_background_of_a_tenth_of_the_points_is_kept() {
+        let range = from_points(&scene(even(900).chain((0..100).map(|_| 50.0)), &[0]), 0).unwrap();
+        assert!(range.far > 50.0);
+    }
+
+    #[test]
+    fn points_on_a_plane_still_give_a_range() {
+        let range = from_points(&scene([5.0; 20], &[0]), 0).unwrap();
+        assert!((range.near - 4.9).abs() < 1e-9 && (range.far - 5.1).abs() < 1e-9);
+    }
+
+    #[test]
+    fn without_tracks_points_inside_of_the_image_count() {
+        let mut scene = scene(even(100), &[]);
+        let aside = |z: f64| SparsePoint { x_in_world: Vector3::new(z, 0.0, z), views: vec![] };
+        scene.points.extend([-5.0, -6.0, 100.0].map(aside).into_iter().cycle().take(90));
+        let range = from_points(&scene, 0).unwrap();
+        assert!(range.near > 3.7 && range.far < 6.3, "{range:?}");
+    }
+
+    #[test]
+    fn fewer_than_ten_points_are_too_few() {
+        assert_eq!(from_points(&scene(even(9), &[0]), 0), None);
+        assert_eq!(from_points(&scene((0..50).map(|_| -3.0), &[0]), 0), None);
+    }
+
+    fn looking(from: [f64; 3], to: [f64; 3]) -> View {
+        view(Pose::look_at(&Vector3::from(from), &Vector3::from(to), &Vector3::new(0.0, -1.0, 0.0)))
+    }
+
+    #[test]
+    fn converging_cameras_look_around_their_focus() {
+        let eyes = [[0.0, 0.0, -8.0], [2.0, 0.0, -7.0], [-3.0, 1.0, -7.5], [0.0, 2.0, -6.0]];
+        let views = eyes.map(|eye| looking(eye, [0.0; 3])).to_vec();
+        let range = from_geometry(&Scene { views, ..Scene::default() }, 0, &[1, 2, 3]).unwrap();
+        assert!((range.near - 8.0 / 2.5).abs() < 1e-9 && (range.far - 8.0 * 2.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn parallel_cameras_look_where_their_baseline_is_seen_under_2_to_20_degrees() {
+        let views = [0.0, 0.5, -0.5].map(|x| looking([x, 0.0, 0.0], [x, 0.0, 1.0])).to_vec();
+        let range = from_geometry(&Scene { views, ..Scene::default() }, 0, &[1, 2]).unwrap();
+        let angle = |depth: f64| 2.0 * (0.25 / depth).atan().to_degrees();
+        assert!((angle(range.near) - 20.0).abs() < 1e-9 && (angle(range.far) - 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn geometry_needs_a_source_at_another_place() {
+        let views = vec![looking([0.0; 3], [0.0, 0.0, 1.0]), looking([0.0; 3], [0.1, 0.0, 1.0])];
+        let scene = Scene { views, ..Scene::default() };
+        assert_eq!(from_geometry(&scene, 0, &[]), None);
+        assert_eq!(from_geometry(&scene, 0, &[1]), None);
+    }
+
+    #[test]
+    fn files_come_before_points_and_points_before_geometry() {
+        let mut scene = scene(even(50), &[0]);
+        scene.views.push(looking([1.0, 0.0, 0.0], [0.0, 0.0, 5.0]));
+        let given = DepthRange { near: 1.0, far: 2.0 };
+        scene.views[0].depth_range = Some(given);
+        assert_eq!(for_view(&scene, 0, &[1]), Some((given, RangeOrigin::File)));
+        scene.views[0].depth_range = None;
+        assert_eq!(for_view(&scene, 0, &[1]).unwrap().1, RangeOrigin::Points);
+        scene.points.clear();
+        assert_eq!(for_view(&scene, 0, &[1]).unwrap().1, RangeOrigin::Geometry);
+        assert_eq!(for_view(&scene, 0, &[]), None);
+    }
+
+    #[test]
+    fn ranges_that_are_none_are_refused() {
+        for (near, far) in
+            [(0.0, 1.0), (-1.0, 1.0), (2.0, 2.0), (3.0, 2.0), (f64::NAN, 1.0), (1.0, f64::INFINITY)]
+        {
+            assert!(DepthRange::try_new(near, far).is_err());
+        }
+    }
+}

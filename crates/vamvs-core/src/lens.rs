@@ -1,0 +1,378 @@
+//! Lens distortion of normalised image coordinates.
+//!
+//! Every model is a map of the plane that is one-to-one around the axis and, for most calibrations,
+//! stops being so at some radius: there the distorted radius no longer grows, and points farther out
+//! would fold back into the image. A lens is defined up to that radius and nowhere beyond it. The
+//! tangential terms are small; of them it is only asked that they do not mirror the image at a point.
+
+use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
+
+/// A lens: how normalised image coordinates (x/z, y/z) are bent.
+///
+/// The two distorting variants cover COLMAP's SIMPLE_RADIAL, RADIAL, OPENCV and FULL_OPENCV
+/// (all special cases of [`Lens::Rational`]) and OPENCV_FISHEYE ([`Lens::Fisheye`]).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Lens {
+    /// No distortion.
+    None,
+    /// OpenCV's rational model: radial `(1 + k₁r² + k₂r⁴ + k₃r⁶) / (1 + k₄r² + k₅r⁴ + k₆r⁶)` and
+    /// tangential `p`.
+    Rational {
+        /// k₁ … k₆.
+        k: [f64; 6],
+        /// p₁, p₂.
+        p: [f64; 2],
+    },
+    /// OpenCV's equidistant fisheye: `θ (1 + k₁θ² + k₂θ⁴ + k₃θ⁶ + k₄θ⁸)`.
+    Fisheye {
+        /// k₁ … k₄.
+        k: [f64; 4],
+    },
+}
+
+/// Largest distance between a point to undistort and the distortion of the answer.
+const RESIDUAL: f64 = 1e-10;
+
+/// Newton steps before giving up; some ten suffice but near the fold.
+const STEPS: usize = 100;
+
+impl Lens {
+    /// Whether the lens changes anything.
+    #[must_use]
+    pub fn bends(&self) -> bool {
+        match self {
+            Self::None => false,
+            Self::Rational { k, p } => k.iter().chain(p).any(|&v| v != 0.0),
+            Self::Fisheye { .. } => true,
+        }
+    }
+
+    /// Where the lens shows the normalised point `x`; `None` beyond the radius at which the model
+    /// folds over.
+    #[must_use]
+    pub fn distort(&self, x: &Vector2<f64>) -> Option<Vector2<f64>> {
+        self.bend(x).map(|(bent, _)| bent)
+    }
+
+    /// The normalised point that the lens shows at `bent`: the inverse of [`Lens::distort`] to 1e-10.
+    ///
+    /// `None` if there is none, as outside of the image of a strongly curved lens.
+    #[must_use]
+    pub fn undistort(&self, bent: &Vector2<f64>) -> Option<Vector2<f64>> {
+        let mut x = self.start(bent)?;
+        let (mut image, mut jacobian) = self.bend(&x)?;
+        for _ in 0..STEPS {
+            let Some(step) = jacobian.try_inverse().map(|inverse| inverse * (bent - image)) else { break };
+            let Some((next, bend)) = self.descend(&x, &step, bent, (bent - image).norm()) else { break };
+            (x, (image, jacobian)) = (next, bend);
+        }
+        ((bent - image).norm() <= RESIDUAL).then_some(x)
+    }
+
+    /// A point of the lens's domain on the ray to `bent`.
+    fn start(&self, bent: &Vector2<f64>) -> Option<Vector2<f64>> {
+        let halvings = std::iter::successors(Some(*bent), |x| Some(x * 0.5));
+        halvings.take(STEPS).find(|x| self.bend(x).is_some())
+    }
+
+    /// The longest of the steps `step`, `step / 2`, … that stays in the domain and lessens the
+    /// residual; `None` once rounding allows no more.
+    fn descend(
+        &self,
+        x: &Vector2<f64>,
+        step: &Vector2<f64>,
+        bent: &Vector2<f64>,
+        residual: f64,
+    ) -> Option<(Vector2<f64>, Bend)> {
+        let steps = std::iter::successors(Some(*step), |step| Some(step * 0.5)).take(40);
+        steps.map(|step| x + step).find_map(|next| {
+            let bend = self.bend(&next)?;
+            ((bent - bend.0).norm() < residual).then_some((next, bend))
+        })
+    }
+
+    /// The distorted point and the Jacobian of the distortion; `None` outside of the domain.
+    fn bend(&self, x: &Vector2<f64>) -> Option<Bend> {
+        if !x.norm_squared().is_finite() {
+            return None;
+        }
+        match self {
+            Self::None => Some((*x, Matrix2::identity())),
+            Self::Rational { k, p } => bend_rational(k, p, x),
+            Self::Fisheye { k } => bend_fisheye(k, x),
+        }
+    }
+}
+
+/// A distorted point and the derivative of it by the undistorted one.
+type Bend = (Vector2<f64>, Matrix2<f64>);
+
+fn bend_rational(k: &[f64; 6], &[p1, p2]: &[f64; 2], x: &Vector2<f64>) -> Option<Bend> {
+    let numerator = [1.0, k[0], k[1], k[2]];
+    let denominator = [1.0, k[3], k[4], k[5]];
+    let s = x.norm_squared();
+    if !(is_positive_up_to(&denominator, s) && is_positive_up_to(&radial_slope(&numerator, &denominator), s))
+    {
+        return None;
+    }
+    let (n, dn) = value_and_derivative(&numerator, s);
+    let (d, dd) = value_and_derivative(&denominator, s);
+    let (factor, slope) = (n / d, (dn * d - n * dd) / (d * d));
+    let cross = 2.0 * x.x * x.y;
+    let tangential =
+        Vector2::new(p1 * cross + p2 * (s + 2.0 * x.x * x.x), p1 * (s + 2.0 * x.y * x.y) + p2 * cross);
+    let mixed = 2.0 * (p1 * x.x + p2 * x.y);
+    let tangential_jacobian =
+        Matrix2::new(2.0 * p1 * x.y + 6.0 * p2 * x.x, mixed, mixed, 6.0 * p1 * x.y + 2.0 * p2 * x.x);
+    let jacobian = radial_jacobian(x, factor, slope) + tangential_jacobian;
+    (jacobian.determinant() > 0.0).then(|| (x * factor + tangential, jacobian))
+}
+
+fn bend_fisheye(k: &[f64; 4], x: &Vector2<f64>) -> Option<Bend> {
+    let r = x.norm();
+    if r < 1e-8 {
+        return Some((*x, Matrix2::identity()));
+    }
+    let theta = r.atan();
+    let s = theta * theta;
+    let slope = [1.0, 3.0 * k[0], 5.0 * k[1], 7.0 * k[2], 9.0 * k[3]];
+    if !is_positive_up_to(&slope, s) {
+        return None;
+    }
+    let (polynomial, _) = value_and_derivative(&[1.0, k[0], k[1], k[2], k[3]], s);
+    let (dtheta_bent, _) = value_and_derivative(&slope, s);
+    let factor = theta * polynomial / r;
+    // The factor's derivative by r², from that of the bent angle by r.
+    let factor_slope = (dtheta_bent / (1.0 + r * r) - factor) / (2.0 * r * r);
+    Some((x * factor, radial_jacobian(x, factor, factor_slope)))
+}
+
+/// The derivative of `x · f(|x|²)`, from f and its derivative.
+fn radial_jacobian(x: &Vector2<f64>, factor: f64, slope: f64) -> Matrix2<f64> {
+    Matrix2::identity() * factor + x * x.transpose() * (2.0 * slope)
+}
+
+/// A polynomial in s = r² with the sign of d(r · n/d)/dr: `n d + 2 s (n' d − n d')`.
+fn radial_slope(n: &[f64; 4], d: &[f64; 4]) -> [f64; 7] {
+    let mut slope = [0.0; 7];
+    for (i, n) in n.iter().enumerate() {
+        for (j, d) in d.iter().enumerate() {
+            slope[i + j] += n * d * (1.0 + 2.0 * (i as f64 - j as f64));
+        }
+    }
+    slope
+}
+
+/// The value and derivative of a polynomial, constant term first.
+fn value_and_derivative<const N: usize>(coefficients: &[f64; N], s: f64) -> (f64, f64) {
+    coefficients.iter().rev().fold((0.0, 0.0), |(value, slope), c| (value * s + c, slope * s + value))
+}
+
+/// Whether a polynomial, constant term first, is positive on all of `[0, s]`.
+///
+/// Exact up to rounding: in the Bernstein basis of an interval a polynomial lies between its least
+/// and its greatest coefficient and meets the first and the last; where that leaves it open, each
+/// half of the interval is asked.
+fn is_positive_up_to<const N: usize>(coefficients: &[f64; N], s: f64) -> bool {
+    // c_i sⁱ / C(N − 1, i), then b_j = Σ_i C(j, i) of that, by Pascal's rule.
+    let mut bernstein = *coefficients;
+    let (mut power, mut binomial) = (1.0, 1.0);
+    for (i, b) in bernstein.iter_mut().enumerate() {
+        *b *= power / binomial;
+        power *= s;
+        binomial *= (N - 1 - i) as f64 / (i + 1) as f64;
+    }
+    for first in 1..N {
+        for j in (first..N).rev() {
+            bernstein[j] += bernstein[j - 1];
+        }
+    }
+    bernstein_is_positive(&bernstein, 40)
+}
+
+fn bernstein_is_positive<const N: usize>(b: &[f64; N], halvings: u32) -> bool {
+    if b.iter().all(|&b| b > 0.0) {
+        return true;
+    }
+    if halvings == 0 || !(b[0] > 0.0 && b[N - 1] > 0.0) {
+        return false;
+    }
+    // De Casteljau: the triangle's two sides are the coefficients of the halves.
+    let (mut left, mut right) = (*b, *b);
+    for (level, side) in left.iter_mut().enumerate() {
+        *side = right[0];
+        for i in 0..N - 1 - level {
+            right[i] = 0.5 * (right[i] + right[i + 1]);
+        }
+    }
+    bernstein_is_positive(&left, halvings - 1) && bernstein_is_positive(&right, halvings - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const POINTS: [[f64; 2]; 3] = [[0.3, -0.2], [-0.55, 0.4], [0.0, 0.7]];
+
+    fn radial(k: [f64; 6]) -> Lens {
+        Lens::Rational { k, p: [0.0; 2] }
+    }
+
+    fn assert_distorts(lens: Lens, expected: [[f64; 2]; 3]) {
+        for (x, expected) in POINTS.into_iter().zip(expected) {
+            let bent = lens.distort(&Vector2::from(x)).unwrap();
+            assert!(
+                (bent - Vector2::from(expected)).norm() < 1e-14,
+                "{x:?} to {bent:?}, OpenCV {expected:?}"
+            );
+            assert!((lens.undistort(&bent).unwrap() - Vector2::from(x)).norm() < 1e-12);
+        }
+    }
+
+    // Expected values of the next three: OpenCV 5.0, projectPoints and fisheye.projectPoints.
+
+    #[test]
+    fn radial_and_tangential_distortion_is_opencvs() {
+        let lens = Lens::Rational { k: [-0.28, 0.07, 0.0, 0.0, 0.0, 0.0], p: [0.0012, -0.0007] };
+        let expected = [
+            [0.2890739, -0.19262060000000003],
+            [-0.48828564062499996, 0.355436375],
+            [-0.00034299999999999993, 0.6174889],
+        ];
+        assert_distorts(lens, expected);
+    }
+
+    #[test]
+    fn rational_distortion_is_opencvs() {
+        let lens = Lens::Rational { k: [0.12, -0.05, 0.01, 0.3, -0.02, 0.004], p: [0.0012, -0.0007] };
+        let expected = [
+            [0.29273773206908754, -0.19506315471272503],
+            [-0.5081067970073453, 0.3698517614598876],
+            [-0.00034299999999999993, 0.6437524519168144],
+        ];
+        assert_distorts(lens, expected);
+    }
+
+    #[test]
+    fn fisheye_distortion_is_opencvs() {
+        let expected = [
+            [0.2889234745961259, -0.19261564973075063],
+            [-0.4876357575997951, 0.3546441873453055],
+            [0.0, 0.6168297697993387],
+        ];
+        assert_distorts(Lens::Fisheye { k: [0.03, -0.01, 0.004, -0.0006] }, expected);
+    }
+
+    #[test]
+    fn a_lens_ends_where_it_folds_over() {
+        // d(r − 0.3 r³)/dr = 0 at r = 1.0541, where the distorted radius is 0.7027.
+        let barrel = radial([-0.3, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert!(barrel.distort(&Vector2::new(1.054, 0.0)).is_some());
+        assert!(barrel.distort(&Vector2::new(0.0, -1.055)).is_none());
+        assert!(barrel.distort(&Vector2::new(5.0, 5.0)).is_none());
+        assert!(barrel.undistort(&Vector2::new(0.7, 0.0)).is_some());
+        assert!(barrel.undistort(&Vector2::new(0.71, 0.0)).is_none());
+    }
+
+    #[test]
+    fn the_branch_behind_a_fold_is_not_the_lens() {
+        // The distorted radius falls for r² from 1/2 to 1 and then grows without end.
+        let folding = radial([-1.0, 0.4, 0.0, 0.0, 0.0, 0.0]);
+        assert!(folding.distort(&Vector2::new(0.7, 0.0)).is_some());
+        assert!(folding.distort(&Vector2::new(0.8, 0.0)).is_none());
+        assert!(folding.distort(&Vector2::new(2.0, 0.0)).is_none());
+        assert!(folding.undistort(&Vector2::new(2.0, 0.0)).is_none());
+    }
+
+    #[test]
+    fn a_lens_ends_at_a_pole() {
+        let pole = radial([0.0, 0.0, 0.0, -1.0, 0.0, 0.0]);
+        assert!(pole.distort(&Vector2::new(0.99, 0.0)).is_some());
+        assert!(pole.distort(&Vector2::new(1.01, 0.0)).is_none());
+    }
+
+    #[test]
+    fn a_fisheye_sees_up_to_a_right_angle() {
+        let equidistant = Lens::Fisheye { k: [0.0; 4] };
+        let nearly = 1.56_f64;
+        let x = equidistant.undistort(&Vector2::new(0.0, nearly)).unwrap();
+        assert!((x.y / nearly.tan() - 1.0).abs() < 1e-7);
+        assert!(equidistant.undistort(&Vector2::new(1.6, 0.0)).is_none());
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_nowhere() {
+        for lens in [radial([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), Lens::Fisheye { k: [0.1; 4] }] {
+            for x in [[f64::NAN, 0.0], [f64::INFINITY, 0.0]].map(Vector2::from) {
+                assert_eq!(lens.undistort(&x), None);
+                assert!(lens.distort(&x).is_none_or(|bent| bent.iter().all(|v| v.is_finite())));
+            }
+        }
+    }
+
+    fn any_radial_lens() -> impl Strategy<Value = Lens> {
+        prop_oneof![
+            proptest::array::uniform6(-0.4..0.4).prop_map(radial),
+            proptest::array::uniform4(-0.1..0.1).prop_map(|k| Lens::Fisheye { k })
+        ]
+    }
+
+    fn any_lens_with_tangential_terms() -> impl Strategy<Value = Lens> {
+        (proptest::array::uniform6(-0.1..0.1), proptest::array::uniform2(-0.01..0.01))
+            .prop_map(|(k, p)| Lens::Rational { k, p })
+    }
+
+    fn assert_inverts(lens: Lens, x: &Vector2<f64>) -> Result<(), TestCaseError> {
+        let Some((bent, jacobian)) = lens.bend(x) else { return Ok(()) };
+        let back = lens.undistort(&bent);
+        prop_assert!(back.is_some(), "{bent:?} has an undistorted point");
+        let least_stretch = jacobian.singular_values().min();
+        prop_assume!(least_stretch > 1e-2);
+        prop_assert!((back.unwrap() - x).norm() < 1e-9 / least_stretch, "{x:?} became {back:?}");
+        Ok(())
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..Default::default() })]
+
+        #[test]
+        fn undistortion_inverts_radial_distortion(lens in any_radial_lens(), x in -1.5..1.5, y in -1.5..1.5) {
+            assert_inverts(lens, &Vector2::new(x, y))?;
+        }
+
+        #[test]
+        fn undistortion_inverts_tangential_distortion(
+            lens in any_lens_with_tangential_terms(), x in -0.9..0.9, y in -0.9..0.9
+        ) {
+            assert_inverts(lens, &Vector2::new(x, y))?;
+        }
+
+        #[test]
+        fn the_jacobian_is_the_derivative(
+            lens in prop_oneof![any_radial_lens(), any_lens_with_tangential_terms()], x in -0.8..0.8, y in -0.8..0.8
+        ) {
+            let (x, h) = (Vector2::new(x, y), 1e-6);
+            let Some((_, jacobian)) = lens.bend(&x) else { return Ok(()) };
+            for axis in 0..2 {
+                let step = Vector2::ith(axis, h);
+                let ends = lens.distort(&(x + step)).zip(lens.distort(&(x - step)));
+                let Some((after, before)) = ends else { return Ok(()) };
+                let difference = (after - before) / (2.0 * h);
+                prop_assert!((jacobian.column(axis) - difference).norm() < 1e-7 * jacobian.norm().max(1.0));
+            }
+        }
+
+        #[test]
+        fn positivity_is_that_of_dense_samples(c in proptest::array::uniform6(-2.0..2.0), s in 0.1..2.0) {
+            let polynomial = [1.0, c[0], c[1], c[2], c[3], c[4], c[5]];
+            let least = (0..=2000)
+                .map(|i| value_and_derivative(&polynomial, s * f64::from(i) / 2000.0).0)
+                .fold(f64::INFINITY, f64::min);
+            prop_assume!(least.abs() > 1e-3);
+            prop_assert_eq!(is_positive_up_to(&polynomial, s), least > 0.0);
+        }
+    }
+}

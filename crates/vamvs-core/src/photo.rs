@@ -1,0 +1,19 @@
+//! What the network sees of a view: an undistorted photograph and its camera.
+
+use crate::{Grid, Pinhole, Pose};
+
+/// Red, green, blue, 0 to 255, sRGB-encoded.
+pub type Rgb = [u8; 3];
+
+/// An undistorted photograph with its camera and pose.
+#[derive(Clone, Debug)]
+pub struct Photo {
+    /// The camera; its size is the image's.
+    pub camera: Pinhole,
+    /// The pose.
+    pub cam_from_world: Pose,
+    /// The image.
+    pub image: Grid<Rgb>,
+    /// Pixels that count (`true`); `None` if all do.
+    pub mask: Option<Grid<bool>>,
+}

@@ -1,0 +1,297 @@
+//! From photographs with a lens to photographs of a pinhole camera.
+
+use nalgebra::Vector2;
+use rayon::prelude::*;
+
+use crate::{Camera, Grid, Intrinsics, Pinhole, Rgb, Size};
+
+/// The undistorted camera of a photograph, and the resampling that makes its image.
+///
+/// The pinhole's image has the photograph's size, and its pixels the same aspect. Its field of view is
+/// chosen so that most of the photograph is kept and little is left blank: the medians of where the
+/// photograph's four borders lie without distortion bound a rectangle, at most 120° wide and high, and
+/// the view is the largest in it, about its centre.
+#[derive(Clone, Debug)]
+pub struct Undistortion {
+    camera: Camera,
+    pinhole: Pinhole,
+}
+
+/// tan 60°: half of the largest field of view.
+const LARGEST_TANGENT: f64 = 1.732_050_807_568_877_2;
+
+/// Points looked at along each border.
+const BORDER_SAMPLES: usize = 101;
+
+impl Undistortion {
+    /// Chooses the pinhole camera. A lens without distortion keeps its camera.
+    #[must_use]
+    pub fn new(camera: &Camera) -> Self {
+        let intrinsics = if camera.lens.bends() { chosen_intrinsics(camera) } else { camera.intrinsics };
+        Self { camera: *camera, pinhole: Pinhole { size: camera.size, intrinsics } }
+    }
+
+    /// The camera of the undistorted image.
+    #[must_use]
+    pub fn pinhole(&self) -> Pinhole {
+        self.pinhole
+    }
+
+    /// The undistorted photograph, bilinearly sampled; black where the photograph shows nothing.
+    ///
+    /// # Panics
+    /// If the image does not have the camera's size (see [`Camera::resized`]).
+    #[must_use]
+    pub fn image(&self, image: &Grid<Rgb>) -> Grid<Rgb> {
+        self.resample(image, [0; 3], bilinear)
+    }
+
+    /// The undistorted mask. Pixels that show nothing of the photograph do not count; `None` if there
+    /// is neither a mask nor a distortion.
+    ///
+    /// # Panics
+    /// If the mask does not have the camera's size.
+    #[must_use]
+    pub fn mask(&self, mask: Option<&Grid<bool>>) -> Option<Grid<bool>> {
+        match mask {
+            None if !self.camera.lens.bends() => None,
+            None => Some(self.resample(&Grid::filled(self.camera.size, true), false, |_, _| true)),
+            Some(mask) => Some(self.resample(mask, false, nearest)),
+        }
+    }
+
+    /// Where a pixel of the undistorted image lies in the photograph, if it does.
+    fn photograph_from_pinhole(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
+        let bent = self.camera.lens.distort(&self.pinhole.intrinsics.ray(pixel).xy())?;
+        let source = self.camera.intrinsics.project(&bent.push(1.0));
+        let Size { width, height } = self.camera.size;
+        let inside = |v: f64, count: usize| v >= 0.0 && v <= count as f64;
+        (inside(source.x, width) && inside(source.y, height)).then_some(source)
+    }
+
+    fn resample<T: Clone + Send + Sync>(
+        &self,
+        source: &Grid<T>,
+        blank: T,
+        sample: impl Fn(&Grid<T>, &Vector2<f64>) -> T + Sync,
+    ) -> Grid<T> {
+        assert_eq!(source.size(), self.camera.size, "the image must have the size of its camera");
+        if !self.camera.lens.bends() {
+            return source.clone();
+        }
+        let mut out = Grid::filled(self.pinhole.size, blank);
+        let width = out.width().max(1);
+        out.data_mut().par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+            for (x, value) in row.iter_mut().enumerate() {
+                let centre = Vector2::new(x as f64 + 0.5, y as f64 + 0.5);
+                if let Some(pixel) = self.photograph_from_pinhole(&centre) {
+                    *value = sample(source, &pixel);
+                }
+            }
+        });
+        out
+    }
+}
+
+/// The colour at image coordinates inside of the image, between the four nearest pixel centres; beyond
+/// the outermost centres, theirs.
+fn bilinear(image: &Grid<Rgb>, pixel: &Vector2<f64>) -> Rgb {
+    let (x0, x1, u) = neighbours(pixel.x, image.width());
+    let (y0, y1, v) = neighbours(pixel.y, image.height());
+    let (top, bottom) = (image.row(y0), image.row(y1));
+    std::array::from_fn(|c| {
+        let mix = |row: &[Rgb]| f32::from(row[x0][c]) * (1.0 - u) + f32::from(row[x1][c]) * u;
+        (mix(top) * (1.0 - v) + mix(bottom) * v).round() as u8
+    })
+}
+
+/// The pixels whose centres lie before and after a coordinate, and its place between them.
+fn neighbours(coordinate: f64, count: usize) -> (usize, usize, f32) {
+    let from_first_centre = (coordinate - 0.5).clamp(0.0, (count - 1) as f64);
+    let before = from_first_centre as usize;
+    (before, (before + 1).min(count - 1), (from_first_centre - before as f64) as f32)
+}
+
+/// The value of the pixel that contains image coordinates.
+fn nearest(mask: &Grid<bool>, pixel: &Vector2<f64>) -> bool {
+    let x = (pixel.x as usize).min(mask.width() - 1);
+    let y = (pixel.y as usize).min(mask.height() - 1);
+    mask[(x, y)]
+}
+
+/// The linear part of the undistorted camera of [`Undistortion`].
+fn chosen_intrinsics(camera: &Camera) -> Intrinsics {
+    let Size { width, height } = camera.size;
+    let (w, h) = (width as f64, height as f64);
+    let along = |end: f64| (0..BORDER_SAMPLES).map(move |i| end * i as f64 / (BORDER_SAMPLES - 1) as f64);
+    let x_of = |x: f64| median_coordinate(camera, 0, along(h).map(|y| Vector2::new(x, y)));
+    let y_of = |y: f64| median_coordinate(camera, 1, along(w).map(|x| Vector2::new(x, y)));
+    let ([left, right], [top, bottom]) = ([0.0, w].map(x_of), [0.0, h].map(y_of));
+    let k = camera.intrinsics;
+    let scale = (w / (right - left) / k.fx).max(h / (bottom - top) / k.fy);
+    let (fx, fy) = (k.fx * scale, k.fy * scale);
+    let (cx, cy) = (0.5 * (w - fx * (left + right)), 0.5 * (h - fy * (top + bottom)));
+    // A photograph that lies wholly beyond the lens model leaves no field of view to choose from.
+    Intrinsics::try_new(fx, fy, cx, cy).unwrap_or(k)
+}
+
+/// The median of one coordinate of border pixels without distortion.
+///
+/// A pixel that the lens model does not reach counts as infinitely far out, and what is beyond the
+/// largest field of view as on its border.
+fn median_coordinate(camera: &Camera, axis: usize, border: impl Iterator<Item = Vector2<f64>>) -> f64 {
+    let mut coordinates: Vec<f64> = border
+        .map(|pixel| {
+            let bent = camera.intrinsics.ray(&pixel).xy();
+            let straight =
+                camera.lens.undistort(&bent).unwrap_or_else(|| bent.map(|v| v.signum() * f64::MAX));
+            straight[axis].clamp(-LARGEST_TANGENT, LARGEST_TANGENT)
+        })
+        .collect();
+    coordinates.sort_by(f64::total_cmp);
+    coordinates[coordinates.len() / 2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Lens;
+
+    const SIZE: Size = Size::new(320, 240);
+    const K: Intrinsics = Intrinsics { fx: 260.0, fy: 250.0, cx: 155.0, cy: 126.0 };
+
+    fn camera(lens: Lens) -> Camera {
+        Camera { size: SIZE, intrinsics: K, lens }
+    }
+
+    fn barrel() -> Camera {
+        camera(Lens::Rational { k: [-0.2, 0.03, 0.0, 0.0, 0.0, 0.0], p: [0.002, -0.001] })
+    }
+
+    fn fisheye() -> Camera {
+        camera(Lens::Fisheye { k: [0.02, -0.01, 0.0, 0.0] })
+    }
+
+    /// The colour of the world in a direction: waves of some 20 pixels, so that half a pixel's shift
+    /// changes it by up to 15 levels.
+    fn world(x: &Vector2<f64>) -> Rgb {
+        [x.x, x.y, x.x + x.y].map(|v| (127.0 + 100.0 * (80.0 * v).sin()).round() as u8)
+    }
+
+    fn photograph(camera: &Camera) -> Grid<Rgb> {
+        Grid::from_fn(camera.size, |x, y| {
+            let bent = camera.intrinsics.ray(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).xy();
+            camera.lens.undistort(&bent).map_or([0; 3], |x| world(&x))
+        })
+    }
+
+    #[test]
+    fn an_undistorted_photograph_is_that_of_the_pinhole() {
+        for camera in [barrel(), fisheye()] {
+            let undistortion = Undistortion::new(&camera);
+            let image = undistortion.image(&photograph(&camera));
+            let expected = photograph(&undistortion.pinhole().into());
+            let mask = undistortion.mask(None).unwrap();
+            let mut error = 0.0;
+            let mut count = 0;
+            for index in (0..SIZE.area()).filter(|&index| mask.data()[index]) {
+                let pair = image.data()[index].into_iter().zip(expected.data()[index]);
+                error += pair.map(|(a, b)| f64::from(a.abs_diff(b))).sum::<f64>() / 3.0;
+                count += 1;
+            }
+            assert!(count > SIZE.area() * 9 / 10);
+            assert!(error / f64::from(count as u32) < 1.5, "mean error {}", error / f64::from(count as u32));
+        }
+    }
+
+    #[test]
+    fn no_distortion_changes_nothing() {
+        let zeros = Lens::Rational { k: [0.0; 6], p: [0.0; 2] };
+        for camera in [Lens::None, zeros].map(camera) {
+            let undistortion = Undistortion::new(&camera);
+            let image = photograph(&camera);
+            assert_eq!(undistortion.pinhole().intrinsics, K);
+            assert_eq!(undistortion.image(&image), image);
+            assert_eq!(undistortion.mask(None), None);
+            let mask = Grid::from_fn(SIZE, |x, y| (x + y) % 3 == 0);
+            assert_eq!(undistortion.mask(Some(&mask)), Some(mask));
+        }
+    }
+
+    #[test]
+    fn sampling_is_exact_at_centres_and_halfway_between() {
+        let image = Grid::from_fn(Size::new(4, 3), |x, y| [(40 * x + 10 * y) as u8; 3]);
+        let at = |x, y| bilinear(&image, &Vector2::new(x, y))[0];
+        assert_eq!((at(2.5, 1.5), at(3.0, 1.5), at(2.5, 2.0)), (90, 110, 95));
+        assert_eq!((at(0.0, 0.0), at(0.3, 0.5), at(4.0, 3.0)), (0, 0, 140));
+    }
+
+    #[test]
+    fn the_mask_leaves_out_exactly_what_is_blank() {
+        let wide = camera(Lens::Rational { k: [0.3, 0.0, 0.0, 0.0, 0.0, 0.0], p: [0.0; 2] });
+        for camera in [barrel(), wide] {
+            let undistortion = Undistortion::new(&camera);
+            let white = undistortion.image(&Grid::filled(SIZE, [255; 3]));
+            let mask = undistortion.mask(None).unwrap();
+            assert!(mask.data().contains(&false) && mask.data().contains(&true));
+            assert_eq!(mask, white.map(|&colour| colour == [255; 3]));
+            assert_eq!(undistortion.mask(Some(&Grid::filled(SIZE, true))), Some(mask));
+        }
+    }
+
+    #[test]
+    fn a_mask_moves_with_its_photograph() {
+        let undistortion = Undistortion::new(&barrel());
+        let left = Grid::from_fn(SIZE, |x, _| x < 100);
+        let mask = undistortion.mask(Some(&left)).unwrap();
+        for y in (5..235).step_by(23) {
+            for x in 5..315 {
+                let pixel = Vector2::new(x as f64 + 0.5, y as f64 + 0.5);
+                let expected = undistortion.photograph_from_pinhole(&pixel).is_some_and(|p| p.x < 100.0);
+                assert_eq!(mask[(x, y)], expected);
+            }
+        }
+    }
+
+    /// The share of the photograph's pixels that the pinhole sees.
+    fn kept(camera: &Camera, pinhole: &Pinhole) -> f64 {
+        let seen = Grid::from_fn(SIZE, |x, y| {
+            let bent = camera.intrinsics.ray(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).xy();
+            let straight = camera.lens.undistort(&bent);
+            straight.is_some_and(|x| pinhole.contains(&pinhole.intrinsics.project(&x.push(1.0))))
+        });
+        share(&seen)
+    }
+
+    fn share(seen: &Grid<bool>) -> f64 {
+        seen.data().iter().filter(|&&seen| seen).count() as f64 / seen.size().area() as f64
+    }
+
+    #[test]
+    fn the_field_of_view_keeps_most_and_leaves_little_blank() {
+        for camera in [barrel(), fisheye()] {
+            let undistortion = Undistortion::new(&camera);
+            let pinhole = undistortion.pinhole();
+            assert!((pinhole.intrinsics.fx / pinhole.intrinsics.fy - K.fx / K.fy).abs() < 1e-12);
+            let (kept, filled) = (kept(&camera, &pinhole), share(&undistortion.mask(None).unwrap()));
+            assert!(kept > 0.94 && filled > 0.98, "{kept} of the photograph in {filled} of the image");
+        }
+    }
+
+    #[test]
+    fn a_fisheye_of_180_degrees_becomes_a_pinhole_of_at_most_120() {
+        let intrinsics = Intrinsics { fx: 100.0, fy: 100.0, cx: 160.0, cy: 120.0 };
+        let camera = Camera { size: SIZE, intrinsics, lens: Lens::Fisheye { k: [0.0; 4] } };
+        let k = Undistortion::new(&camera).pinhole().intrinsics;
+        let field = |pixel: f64| k.ray(&Vector2::new(pixel, 0.0)).x.atan().to_degrees();
+        assert!((field(0.0) + 60.0).abs() < 1e-9 && (field(320.0) - 60.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_photograph_beyond_the_lens_model_is_masked_out() {
+        let lens = Lens::Rational { k: [-5.0, 0.0, 0.0, 0.0, 0.0, 0.0], p: [0.0; 2] };
+        let aside = Camera { intrinsics: Intrinsics { cx: -2000.0, ..K }, ..camera(lens) };
+        let mask = Undistortion::new(&aside).mask(None).unwrap();
+        assert!(!mask.data().contains(&true));
+    }
+}

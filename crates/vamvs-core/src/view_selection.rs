@@ -1,0 +1,279 @@
+//! Which other views help a view's depth.
+//!
+//! A good source view shows the same surfaces from a little aside: a narrow angle between the viewing
+//! rays gives uncertain depth, a wide one makes surfaces look different. MVSNet (Yao et al. 2018,
+//! section 4.1) scores a pair of views by the sum, over the points both saw, of a piecewise Gaussian of
+//! that angle. Where points do not tell what the views saw, a lattice of virtual points in the view's
+//! frustum stands in for them.
+
+use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
+
+use crate::{DepthRange, Pinhole, Scene, View, depth_range, lift::lift};
+
+/// The best angle between viewing rays, degrees: θ₀ of MVSNet.
+const BEST_ANGLE: f64 = 5.0;
+
+/// Deviation of the score below the best angle, degrees: σ₁ of MVSNet.
+const NARROWER: f64 = 1.0;
+
+/// Deviation of the score above the best angle, degrees: σ₂ of MVSNet.
+const WIDER: f64 = 10.0;
+
+/// A mean score of the common points below this is none: angles below 0.2° and above 53°.
+const NEGLIGIBLE: f64 = 1e-5;
+
+/// A view that saw fewer points together with others than these is judged by geometry.
+const FEWEST_POINTS: usize = 10;
+
+/// Nearest views by which the depth of the virtual points is estimated.
+const NEAR_VIEWS: usize = 10;
+
+/// Columns and rows of the lattice of virtual points.
+const LATTICE: usize = 5;
+
+/// Layers of the lattice, evenly spaced in inverse depth.
+const LAYERS: usize = 3;
+
+/// For each view, at most `count` source views, best first; `pinholes` are the undistorted cameras of
+/// the scene's views.
+///
+/// [`Scene::pairs`] are obeyed where there are any. Otherwise MVSNet's score over the tracks decides,
+/// and for views that saw fewer than ten points together with others, the same score over virtual
+/// points: pixels of a lattice lifted to three depths of the view's [`depth_range::for_view`], of
+/// which those count that project into the other view's image, weighted by the cosine between the
+/// optical axes, because surfaces are seen from one side only. A view that has nothing in common, or
+/// stands at the same place, is not selected, so lists may be shorter than `count`, and empty.
+#[must_use]
+pub fn select(scene: &Scene, pinholes: &[Pinhole], count: usize) -> Vec<Vec<usize>> {
+    if let Some(pairs) = &scene.pairs {
+        return pairs.iter().map(|sources| sources.iter().copied().take(count).collect()).collect();
+    }
+    let centres: Vec<_> = scene.views.iter().map(|view| view.cam_from_world.centre()).collect();
+    let seen = shared_points(scene);
+    (0..scene.views.len())
+        .into_par_iter()
+        .map(|view| {
+            let scores = if seen[view].len() >= FEWEST_POINTS {
+                track_scores(scene, &centres, view, &seen[view])
+            } else {
+                geometry_scores(scene, &centres, pinholes, view)
+            };
+            best(&scores, count)
+        })
+        .collect()
+}
+
+/// For each view, the points that it and at least one other view saw.
+fn shared_points(scene: &Scene) -> Vec<Vec<usize>> {
+    let mut seen = vec![Vec::new(); scene.views.len()];
+    for (index, point) in scene.points.iter().enumerate().filter(|(_, point)| point.views.len() > 1) {
+        for &view in &point.views {
+            seen[view].push(index);
+        }
+    }
+    seen
+}
+
+/// The score that a view's sources get from the points it saw.
+#[derive(Clone, Copy, Default)]
+struct Score {
+    sum: f64,
+    points: usize,
+}
+
+impl Score {
+    fn add(&mut self, score: f64) {
+        self.sum += score;
+        self.points += 1;
+    }
+}
+
+fn track_scores(scene: &Scene, centres: &[Vector3<f64>], view: usize, seen: &[usize]) -> Vec<Score> {
+    let mut scores = vec![Score::default(); centres.len()];
+    for point in seen.iter().map(|&index| &scene.points[index]) {
+        let ray = centres[view] - point.x_in_world;
+        for &other in point.views.iter().filter(|&&other| other != view) {
+            scores[other].add(angle_score(&ray, &(centres[other] - point.x_in_world)));
+        }
+    }
+    scores
+}
+
+fn geometry_scores(scene: &Scene, centres: &[Vector3<f64>], pinholes: &[Pinhole], view: usize) -> Vec<Score> {
+    let near = nearest_views(centres, view);
+    let Some((range, _)) = depth_range::for_view(scene, view, &near) else {
+        return vec![Score::default(); centres.len()];
+    };
+    let points = virtual_points(&scene.views[view], &pinholes[view], &range);
+    let forward = scene.views[view].cam_from_world.forward();
+    let score = |other: usize| {
+        let cam_from_world = &scene.views[other].cam_from_world;
+        let facing = forward.dot(&cam_from_world.forward());
+        let mut score = Score::default();
+        if other == view || facing <= 0.0 {
+            return score;
+        }
+        for point in &points {
+            if pinholes[other].project_inside(&cam_from_world.transform(point)).is_some() {
+                score.add(facing * angle_score(&(centres[view] - point), &(centres[other] - point)));
+            }
+        }
+        score
+    };
+    (0..centres.len()).map(score).collect()
+}
+
+/// The views whose centres are nearest to a view's.
+fn nearest_views(centres: &[Vector3<f64>], view: usize) -> Vec<usize> {
+    let distance = |&other: &usize| (centres[other] - centres[view]).norm_squared();
+    let mut others: Vec<usize> = (0..centres.len()).filter(|&other| other != view).collect();
+    others.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+    others.truncate(NEAR_VIEWS);
+    others
+}
+
+/// The lattice of points, in the world, that stands in for what a view saw.
+fn virtual_points(view: &View, pinhole: &Pinhole, range: &DepthRange) -> Vec<Vector3<f64>> {
+    let world_from_cam = view.cam_from_world.inverse();
+    let share = |i: usize, count: usize| (i as f64 + 0.5) / count as f64;
+    let (width, height) = (pinhole.size.width as f64, pinhole.size.height as f64);
+    let mut points = Vec::with_capacity(LATTICE * LATTICE * LAYERS);
+    for layer in 0..LAYERS {
+        let t = share(layer, LAYERS);
+        let depth = 1.0 / ((1.0 - t) / range.near + t / range.far);
+        for (i, j) in (0..LATTICE).flat_map(|i| (0..LATTICE).map(move |j| (i, j))) {
+            let pixel = Vector2::new(width * share(i, LATTICE), height * share(j, LATTICE));
+            points.push(world_from_cam.transform(&lift(pinhole, &pixel, depth)));
+        }
+    }
+    points
+}
+
+/// MVSNet's piecewise Gaussian of the angle between two rays from a point to the cameras.
+fn angle_score(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    let angle = a.cross(b).norm().atan2(a.dot(b)).to_degrees();
+    let deviation = if angle <= BEST_ANGLE { NARROWER } else { WIDER };
+    (-0.5 * ((angle - BEST_ANGLE) / deviation).powi(2)).exp()
+}
+
+/// The views with the `count` highest scores, best first, ties by the lower index.
+fn best(scores: &[Score], count: usize) -> Vec<usize> {
+    let counts = |&view: &usize| scores[view].sum > NEGLIGIBLE * scores[view].points as f64;
+    let mut views: Vec<usize> = (0..scores.len()).filter(counts).collect();
+    views.sort_by(|&a, &b| scores[b].sum.total_cmp(&scores[a].sum));
+    views.truncate(count);
+    views
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Camera, Intrinsics, Lens, Pose, Size, SparsePoint};
+
+    const PINHOLE: Pinhole = Pinhole {
+        size: Size::new(640, 480),
+        intrinsics: Intrinsics { fx: 600.0, fy: 600.0, cx: 320.0, cy: 240.0 },
+    };
+
+    fn view(id: usize, eye: Vector3<f64>, target: Vector3<f64>) -> View {
+        View {
+            id: id as u32,
+            name: format!("{id}.png"),
+            camera: PINHOLE.into(),
+            cam_from_world: Pose::look_at(&eye, &target, &Vector3::new(0.0, -1.0, 0.0)),
+            depth_range: None,
+        }
+    }
+
+    /// Cameras on a circle of radius 10 around the origin at these angles, looking at its centre.
+    fn ring(degrees: &[f64]) -> Scene {
+        let eye = |d: f64| 10.0 * Vector3::new(d.to_radians().sin(), 0.0, -d.to_radians().cos());
+        let views = degrees.iter().enumerate().map(|(id, &d)| view(id, eye(d), Vector3::zeros())).collect();
+        Scene { views, ..Scene::default() }
+    }
+
+    fn select_in(scene: &Scene, count: usize) -> Vec<Vec<usize>> {
+        select(scene, &vec![PINHOLE; scene.views.len()], count)
+    }
+
+    #[test]
+    fn the_score_is_mvsnets() {
+        let ray = |d: f64| Vector3::new(d.to_radians().sin(), 0.0, d.to_radians().cos());
+        for (angle, expected) in [(5.0, 1.0), (3.0, (-2.0_f64).exp()), (15.0, (-0.5_f64).exp())] {
+            assert!((angle_score(&ray(0.0), &(ray(angle) * 7.0)) - expected).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn pairs_of_the_scene_are_obeyed() {
+        let mut scene = ring(&[0.0, 5.0, 10.0]);
+        scene.pairs = Some(vec![vec![2, 1], vec![], vec![0]]);
+        assert_eq!(select_in(&scene, 1), [vec![2], vec![], vec![0]]);
+    }
+
+    #[test]
+    fn tracks_are_scored_by_their_angle_and_number() {
+        let mut scene = ring(&[0.0, 1.0, 5.0, 20.0, 180.0]);
+        let together = |views: &[usize], count: usize| {
+            vec![SparsePoint { x_in_world: Vector3::zeros(), views: views.to_vec() }; count]
+        };
+        scene.points = together(&[0, 1, 2, 3], 20);
+        assert_eq!(select_in(&scene, 9)[0], [2, 3, 1], "5° before 20° before 1°");
+        assert_eq!(select_in(&scene, 2)[0], [2, 3]);
+        scene.points.extend(together(&[0, 3], 60));
+        assert_eq!(select_in(&scene, 9)[0], [3, 2, 1], "more points of a wider angle");
+    }
+
+    #[test]
+    fn views_that_share_nothing_are_left_out() {
+        let mut scene = ring(&[0.0, 6.0, 12.0, 18.0]);
+        let saw = |views: [usize; 2]| SparsePoint { x_in_world: Vector3::zeros(), views: views.to_vec() };
+        scene.points = [saw([0, 1]), saw([2, 3])].iter().cycle().take(40).cloned().collect();
+        assert_eq!(select_in(&scene, 9), [[1], [0], [3], [2]]);
+    }
+
+    #[test]
+    fn without_tracks_neighbours_on_a_ring_come_first_and_the_far_side_never() {
+        let degrees: Vec<f64> = (0..24).map(|i| 15.0 * f64::from(i)).collect();
+        let selected = select_in(&ring(&degrees), 4);
+        for (view, sources) in selected.iter().enumerate() {
+            let mut steps: Vec<_> = sources.iter().map(|s| (s + 36 - view) % 24).collect();
+            steps.sort_unstable();
+            assert_eq!(steps, [10, 11, 13, 14], "two neighbours to each side of view {view}");
+        }
+        assert!(select_in(&ring(&degrees), 24)[0].iter().all(|&s| !(6..=18).contains(&s)));
+    }
+
+    #[test]
+    fn without_tracks_a_camera_at_the_same_place_or_looking_away_is_not_selected() {
+        let (eye, ahead) = (Vector3::zeros(), Vector3::new(0.0, 0.0, 10.0));
+        let aside = Vector3::new(1.0, 0.0, 0.0);
+        let views =
+            vec![view(0, eye, ahead), view(1, eye, ahead), view(2, aside, ahead), view(3, aside, -ahead)];
+        assert_eq!(select_in(&Scene { views, ..Scene::default() }, 9)[0], [2]);
+    }
+
+    #[test]
+    fn one_view_alone_has_no_sources() {
+        assert_eq!(select_in(&ring(&[0.0]), 4), [Vec::<usize>::new()]);
+        assert!(select_in(&Scene::default(), 4).is_empty());
+    }
+
+    #[test]
+    fn scores_do_not_depend_on_the_scale() {
+        let small = ring(&[0.0, 3.0, 9.0, 20.0]);
+        let mut large = small.clone();
+        large.views.iter_mut().for_each(|view| view.cam_from_world.translation *= 1000.0);
+        assert_eq!(select_in(&small, 3), select_in(&large, 3));
+    }
+
+    #[test]
+    fn the_lens_of_a_view_does_not_matter_to_selection() {
+        let mut scene = ring(&[0.0, 5.0, 12.0]);
+        let expected = select_in(&scene, 2);
+        let lens = Lens::Rational { k: [-0.1, 0.0, 0.0, 0.0, 0.0, 0.0], p: [0.0; 2] };
+        scene.views.iter_mut().for_each(|view| view.camera = Camera { lens, ..view.camera });
+        assert_eq!(select_in(&scene, 2), expected);
+    }
+}

@@ -1,0 +1,50 @@
+//! One bit a pixel.
+
+use vamvs_core::Size;
+
+/// A raster of bits; each row begins with a new word, so that rows can be written in parallel.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct BitGrid {
+    words_per_row: usize,
+    words: Vec<u64>,
+}
+
+impl BitGrid {
+    /// All bits 0.
+    pub fn zeros(size: Size) -> Self {
+        let words_per_row = size.width.div_ceil(64);
+        Self { words_per_row, words: vec![0; words_per_row * size.height] }
+    }
+
+    /// Whether the bit of `(x, y)` is 1.
+    pub fn get(&self, x: usize, y: usize) -> bool {
+        self.words[y * self.words_per_row + x / 64] >> (x % 64) & 1 == 1
+    }
+
+    /// The words of each row; bit x is bit x mod 64 of word x / 64.
+    pub fn rows_mut(&mut self) -> rayon::slice::ChunksMut<'_, u64> {
+        rayon::slice::ParallelSliceMut::par_chunks_mut(&mut self.words[..], self.words_per_row.max(1))
+    }
+}
+
+/// Sets bit `x` of a row.
+pub(crate) fn set(row: &mut [u64], x: usize) {
+    row[x / 64] |= 1 << (x % 64);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rayon::prelude::*;
+
+    #[test]
+    fn bits_are_set_one_by_one() {
+        let mut bits = BitGrid::zeros(Size::new(130, 3));
+        bits.rows_mut().enumerate().for_each(|(y, row)| set(row, 64 * y + 1));
+        for y in 0..3 {
+            for x in 0..130 {
+                assert_eq!(bits.get(x, y), x == 64 * y + 1);
+            }
+        }
+    }
+}

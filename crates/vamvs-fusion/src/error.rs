@@ -1,0 +1,57 @@
+//! Why a fusion stopped.
+
+use vamvs_core::Size;
+
+use crate::OptionsError;
+
+/// An error of the caller's: of its source of depth maps or of its sink of points.
+pub type BoxError = Box<dyn std::error::Error + Send + Sync>;
+
+/// Why a fusion stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum FuseError {
+    /// A threshold outside of its range.
+    #[error(transparent)]
+    Options(#[from] OptionsError),
+    /// The lists of source views do not fit the views.
+    #[error("expected one list of source views for each of the {expected} views, got {found} lists")]
+    NeighbourLists {
+        /// Number of views.
+        expected: usize,
+        /// Number of lists.
+        found: usize,
+    },
+    /// A source view that is none.
+    #[error("view {view} names {neighbour} as a source view, but there are only views 0 to {}", .len - 1)]
+    Neighbour {
+        /// The reference view.
+        view: usize,
+        /// The source view it names.
+        neighbour: usize,
+        /// Number of views.
+        len: usize,
+    },
+    /// A depth map could not be loaded.
+    #[error("view {view} could not be loaded")]
+    Load {
+        /// The view.
+        view: usize,
+        /// What the source said.
+        source: BoxError,
+    },
+    /// A part of a view differs in size from its depth map.
+    #[error("view {view}: expected {what} of {expected} pixels like the depth map, got {found}")]
+    Size {
+        /// The view.
+        view: usize,
+        /// Camera, confidence, coarse confidence, colour or mask.
+        what: &'static str,
+        /// The depth map's size.
+        expected: Size,
+        /// The part's size.
+        found: Size,
+    },
+    /// The sink did not take the points.
+    #[error("the fused points could not be written")]
+    Sink(#[source] BoxError),
+}

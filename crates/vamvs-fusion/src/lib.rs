@@ -1,0 +1,29 @@
+//! Filtering depth maps and fusing them into one cloud (section 4.2.2).
+//!
+//! [`fuse`] goes over the views twice. First it decides for each pixel whether it is *kept*: it has a
+//! depth, is confident ([`FuseOptions::min_confidence`]) and enough source views agree on it. Then it
+//! turns kept pixels into points: where several views keep the same place of a surface, the one that
+//! sees it in most detail makes the point, as the mean over all views that agree, and the others are
+//! merged into it. Both passes only read depth maps and the result of the pass before, so the cloud
+//! depends neither on the number of threads nor on how many maps fit into memory.
+//!
+//! This crate knows no file: depth maps come from a [`MapSource`], points go to a closure.
+
+mod bits;
+mod cache;
+mod error;
+mod fuse;
+mod geometric;
+mod merge;
+mod normals;
+mod options;
+mod photometric;
+mod priority;
+mod report;
+mod source;
+
+pub use error::{BoxError, FuseError};
+pub use fuse::{FuseEvent, FuseJob, fuse, fuse_to_cloud};
+pub use options::{FuseOptions, OptionsError};
+pub use report::{FuseReport, ViewReport};
+pub use source::{FusionView, MapSource};

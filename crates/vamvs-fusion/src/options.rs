@@ -1,0 +1,101 @@
+//! What counts as agreement.
+
+use serde::{Deserialize, Serialize};
+
+/// Thresholds of the filters. All of them are relative, so that they fit any scene scale.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct FuseOptions {
+    /// How far a pixel may come back from itself by way of a source view's depth, pixels of the depth
+    /// map.
+    pub max_reprojection: f32,
+    /// How much the depth that comes back may differ from the pixel's own, as a share of it. A source's
+    /// depths are interpolated between pixels that differ by less than this.
+    pub max_relative_depth: f32,
+    /// How many views must agree on a pixel, its own included, 1 to 255.
+    pub min_views: usize,
+    /// The least confidence of the final depth, 0 to 1.
+    pub min_confidence: f32,
+    /// The least confidence of the coarse stage where a map has one, 0 to 1.
+    pub min_coarse_confidence: f32,
+}
+
+/// A threshold outside of its range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("fusion option {name} must be {expected}, got {found}")]
+pub struct OptionsError {
+    /// The option.
+    pub name: &'static str,
+    /// What it may be.
+    pub expected: &'static str,
+    /// What it is.
+    pub found: f64,
+}
+
+impl Default for FuseOptions {
+    fn default() -> Self {
+        Self {
+            max_reprojection: 1.0,
+            max_relative_depth: 0.01,
+            min_views: 3,
+            min_confidence: 0.1,
+            min_coarse_confidence: 0.2,
+        }
+    }
+}
+
+impl FuseOptions {
+    /// The paper's values for DTU (section 4.2.2): confidences above 0.1 and, in the coarse stage, 0.2,
+    /// at least 3 views, and fusibile's threshold of 0.12 on the discrepancy.
+    ///
+    /// Fusibile compares disparities f·b/d in pixels. The way from a pixel at depth d to the source
+    /// view and back at depth d′ ends about f·b·|1/d − 1/d′| pixels away, which is the same, so 0.12
+    /// is the bound on the reprojection. Fusibile has no bound on the depth itself; at DTU's baselines
+    /// 0.12 pixels are about 0.05 % of the depth, so the 1 % here never decides.
+    #[must_use]
+    pub fn dtu() -> Self {
+        Self { max_reprojection: 0.12, ..Self::default() }
+    }
+
+    /// Checks that each threshold is in its range.
+    ///
+    /// # Errors
+    /// If not, with the first one that is not.
+    pub fn validate(&self) -> Result<(), OptionsError> {
+        let positive = |v: f32| v > 0.0 && v.is_finite();
+        let share = |v: f32| (0.0..=1.0).contains(&v);
+        let views = self.min_views as f64;
+        let check = |ok: bool, name, expected, found| {
+            if ok { Ok(()) } else { Err(OptionsError { name, expected, found }) }
+        };
+        let (reprojection, depth) = (self.max_reprojection, self.max_relative_depth);
+        let (fine, coarse) = (self.min_confidence, self.min_coarse_confidence);
+        check(positive(reprojection), "max-reprojection", "a positive number of pixels", reprojection.into())?;
+        check(positive(depth) && depth < 1.0, "max-relative-depth", "between 0 and 1", depth.into())?;
+        check((1.0..=255.0).contains(&views), "min-views", "from 1 to 255", views)?;
+        check(share(fine), "min-confidence", "from 0 to 1", fine.into())?;
+        check(share(coarse), "min-coarse-confidence", "from 0 to 1", coarse.into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_are_valid_and_nonsense_is_named() {
+        assert_eq!(FuseOptions::default().validate(), Ok(()));
+        assert_eq!(FuseOptions::dtu().validate(), Ok(()));
+        let wrong = [
+            (FuseOptions { max_reprojection: f32::NAN, ..FuseOptions::default() }, "max-reprojection"),
+            (FuseOptions { max_relative_depth: 0.0, ..FuseOptions::default() }, "max-relative-depth"),
+            (FuseOptions { min_views: 0, ..FuseOptions::default() }, "min-views"),
+            (FuseOptions { min_views: 256, ..FuseOptions::default() }, "min-views"),
+            (FuseOptions { min_confidence: -0.1, ..FuseOptions::default() }, "min-confidence"),
+            (FuseOptions { min_coarse_confidence: 1.1, ..FuseOptions::default() }, "min-coarse-confidence"),
+        ];
+        for (options, name) in wrong {
+            assert_eq!(options.validate().unwrap_err().name, name);
+        }
+    }
+}

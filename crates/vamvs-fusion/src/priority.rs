@@ -1,0 +1,50 @@
+//! Which view makes the point where several see the same place.
+
+use crate::photometric::{FilteredView, focal};
+
+/// A strict order of views at a place: the view with the smaller pixel footprint (depth over focal
+/// length) comes first. Footprints are compared in steps of half an octave, so that neighbouring
+/// pixels decide alike; at equal steps the view with the lower number comes first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Rank {
+    half_octaves: u32,
+    view: usize,
+}
+
+/// Ranks the depths of one view.
+pub(crate) struct Ranking {
+    view: usize,
+    /// Footprint at depth 1, in units of the scene's typical footprint.
+    footprint: f32,
+}
+
+impl Ranking {
+    /// `unit` is a footprint typical of the scene, which lies in the middle of a step.
+    pub fn new(view: usize, filtered: &FilteredView, unit: f64) -> Self {
+        let middle = 2f64.powf(0.25);
+        Self { view, footprint: (middle / (focal(&filtered.camera) * unit)) as f32 }
+    }
+
+    /// The view's rank at a place where it has `inverse_depth`.
+    #[inline]
+    pub fn rank(&self, inverse_depth: f32) -> Rank {
+        let footprint = self.footprint / inverse_depth;
+        // The binary exponent of the square counts half octaves.
+        Rank { half_octaves: (footprint * footprint).to_bits() >> 23, view: self.view }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finer_comes_first_then_the_lower_number() {
+        let [a, b] = [3, 5].map(|view| Ranking { view, footprint: 2f32.powf(0.25) });
+        assert!(a.rank(1.0) < b.rank(1.0));
+        assert!(a.rank(1.0) < b.rank(1.15), "within the step");
+        assert!(a.rank(1.0) > b.rank(1.25), "nearer by more than a quarter octave");
+        assert!(a.rank(0.8) > b.rank(1.0));
+        assert!(a.rank(0.5) > a.rank(0.75) && a.rank(0.75) > a.rank(1.0));
+    }
+}

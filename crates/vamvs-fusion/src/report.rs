@@ -1,0 +1,76 @@
+//! What became of each pixel.
+
+use std::fmt;
+use std::ops::AddAssign;
+
+use serde::Serialize;
+
+/// What became of the pixels of a view, or of several. Each pixel is counted in exactly one field
+/// beside `pixels`, the first that fits in the order here.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct ViewReport {
+    /// All pixels.
+    pub pixels: u64,
+    /// Had no valid depth.
+    pub without_depth: u64,
+    /// Were masked out.
+    pub masked: u64,
+    /// Were not confident enough (photometric filter).
+    pub unconfident: u64,
+    /// Lay outside of the region of interest.
+    pub outside_roi: u64,
+    /// Found too few views that agree (geometric filter).
+    pub inconsistent: u64,
+    /// Were merged into the point of another view.
+    pub merged: u64,
+    /// Became a point.
+    pub points: u64,
+}
+
+/// What became of all pixels.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct FuseReport {
+    /// For each view.
+    pub views: Vec<ViewReport>,
+}
+
+impl FuseReport {
+    /// The sum over all views.
+    #[must_use]
+    pub fn total(&self) -> ViewReport {
+        let mut total = ViewReport::default();
+        self.views.iter().for_each(|view| total += *view);
+        total
+    }
+}
+
+impl AddAssign for ViewReport {
+    fn add_assign(&mut self, other: Self) {
+        self.pixels += other.pixels;
+        self.without_depth += other.without_depth;
+        self.masked += other.masked;
+        self.unconfident += other.unconfident;
+        self.outside_roi += other.outside_roi;
+        self.inconsistent += other.inconsistent;
+        self.merged += other.merged;
+        self.points += other.points;
+    }
+}
+
+impl fmt::Display for ViewReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} points from {} pixels ({} without depth, {} masked, {} not confident, {} outside of the \
+             region, {} not confirmed by other views, {} merged)",
+            self.points,
+            self.pixels,
+            self.without_depth,
+            self.masked,
+            self.unconfident,
+            self.outside_roi,
+            self.inconsistent,
+            self.merged
+        )
+    }
+}

@@ -1,0 +1,126 @@
+//! What fusion must not depend on.
+#![allow(missing_docs)]
+
+mod synthetic;
+
+use nalgebra::Vector3;
+use synthetic::{Surface, all_others, views};
+use vamvs_core::{Cloud, Pose, Size};
+use vamvs_fusion::{FuseEvent, FuseJob, FuseOptions, FuseReport, FusionView, fuse, fuse_to_cloud};
+
+const SIZE: Size = Size::new(80, 60);
+
+/// Noisy maps, so that the filters have something to decide.
+fn noisy_views() -> Vec<FusionView> {
+    let mut views = views(Surface::SphereOnPlane, 6, SIZE, 4.0);
+    for (v, view) in views.iter_mut().enumerate() {
+        for (i, depth) in view.map.depth.data_mut().iter_mut().enumerate() {
+            let random = ((i * 7919 + v * 104_729) % 1009) as f32 / 1009.0 - 0.5;
+            *depth *= 1.0 + 0.01 * random;
+        }
+    }
+    views
+}
+
+fn fused(views: &[FusionView], cache_bytes: usize) -> (Cloud, FuseReport) {
+    let neighbours = all_others(views.len());
+    let options = FuseOptions::default();
+    fuse_to_cloud(&FuseJob { source: views, neighbours: &neighbours, options: &options, roi: None, cache_bytes })
+        .unwrap()
+}
+
+#[test]
+fn threads_and_cache_do_not_change_a_bit() {
+    let views = noisy_views();
+    let expected = fused(&views, usize::MAX / 2);
+    assert!(expected.0.len() > 1000);
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        for cache_bytes in [0, 4 * 11 * SIZE.area(), usize::MAX / 2] {
+            assert!(pool.install(|| fused(&views, cache_bytes)) == expected);
+        }
+    }
+}
+
+#[test]
+fn scale_and_place_of_the_scene_do_not_matter() {
+    let views = noisy_views();
+    let (expected, _) = fused(&views, usize::MAX / 2);
+    for (scale, offset) in [
+        (0.001, Vector3::new(5.0, -3.0, 1.0)),
+        (1000.0, Vector3::new(0.0, 1e5, 0.0)),
+        (1.0, Vector3::new(4.5e5, 5.4e6, 300.0)),
+        (30.0, Vector3::new(4.5e5, 5.4e6, 300.0)),
+    ] {
+        let moved: Vec<FusionView> = views.iter().map(|view| transformed(view, scale, &offset)).collect();
+        let (cloud, _) = fused(&moved, usize::MAX / 2);
+        assert_same_points(&expected, &cloud, scale, &offset);
+    }
+}
+
+/// The view in a world whose points are `scale · x + offset`.
+fn transformed(view: &FusionView, scale: f64, offset: &Vector3<f64>) -> FusionView {
+    let mut moved = view.clone();
+    let Pose { rotation, translation } = view.map.cam_from_world;
+    moved.map.cam_from_world = Pose { rotation, translation: scale * translation - rotation * offset };
+    moved.map.depth = view.map.depth.map(|&depth| (scale * f64::from(depth)) as f32);
+    moved
+}
+
+/// A rounding error may tip a pixel that is just at a threshold, but few of them.
+fn assert_same_points(expected: &Cloud, cloud: &Cloud, scale: f64, offset: &Vector3<f64>) {
+    let (mut same, mut candidates) = (0, cloud.iter().peekable());
+    for point in expected {
+        let x = Vector3::from(point.x_in_world);
+        let is_same = |other: &&vamvs_core::CloudPoint| {
+            ((Vector3::from(other.x_in_world) - offset) / scale - x).norm() < 1e-5
+                && other.colour == point.colour
+                && other.views == point.views
+        };
+        // Points come in the order of their pixels, so that a match is among the next few.
+        if let Some(ahead) = candidates.clone().take(20).position(|other| is_same(&other)) {
+            candidates.nth(ahead);
+            same += 1;
+        }
+    }
+    let (least, most) = (expected.len().min(cloud.len()), expected.len().max(cloud.len()));
+    assert!(same as f64 > 0.995 * most as f64, "{same} of {least}/{most} points at scale {scale}");
+}
+
+#[test]
+fn points_come_view_by_view_and_events_tell_of_each() {
+    let views = noisy_views();
+    let neighbours = all_others(views.len());
+    let options = FuseOptions::default();
+    let job =
+        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
+    let (mut batches, mut events) = (Vec::new(), Vec::new());
+    let mut sink = |points: &[vamvs_core::CloudPoint]| {
+        batches.push(points.len() as u64);
+        Ok(())
+    };
+    let report = fuse(&job, &mut sink, &mut |event| events.push(event)).unwrap();
+    let points: Vec<u64> = report.views.iter().map(|view| view.points).collect();
+    assert_eq!(batches, points);
+    let filtered = report.views.iter().enumerate();
+    let filtered = filtered.map(|(view, r)| FuseEvent::Filtered { view, kept: r.merged + r.points });
+    let merged = points.iter().enumerate().map(|(view, &points)| FuseEvent::Merged { view, points });
+    assert_eq!(events, filtered.chain(merged).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_sink_that_fails_stops_the_fusion() {
+    let views = noisy_views();
+    let neighbours = all_others(views.len());
+    let options = FuseOptions::default();
+    let job =
+        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
+    let mut calls = 0;
+    let mut sink = |_: &[vamvs_core::CloudPoint]| {
+        calls += 1;
+        Err("disk full".into())
+    };
+    let error = fuse(&job, &mut sink, &mut |_| ()).unwrap_err();
+    assert_eq!(std::error::Error::source(&error).unwrap().to_string(), "disk full");
+    assert_eq!(calls, 1);
+}

@@ -1,0 +1,179 @@
+//! Fusion of exact depth maps of analytic surfaces.
+#![allow(missing_docs)]
+
+mod synthetic;
+
+use nalgebra::Vector3;
+use synthetic::{Surface, all_others, views};
+use vamvs_core::{Cloud, Roi, Size, lift::lift_map};
+use vamvs_fusion::{FuseJob, FuseOptions, FuseReport, FusionView, fuse_to_cloud};
+
+const SIZE: Size = Size::new(96, 72);
+/// For surfaces that curve: what interpolation bends off falls with the square of the pixel.
+const FINE: Size = Size::new(192, 144);
+const DISTANCE: f64 = 4.0;
+
+fn fuse(views: &[FusionView], options: &FuseOptions, roi: Option<Roi>) -> (Cloud, FuseReport) {
+    let neighbours = all_others(views.len());
+    fuse_to_cloud(&FuseJob { source: views, neighbours: &neighbours, options, roi, cache_bytes: 1 << 30 })
+        .unwrap()
+}
+
+fn tilted() -> Surface {
+    Surface::Plane(Vector3::new(0.3, -0.2, 0.9).normalize())
+}
+
+fn footprint(views: &[FusionView]) -> f64 {
+    DISTANCE / views[0].map.camera.intrinsics.fx
+}
+
+/// Distance of each point of `from` to the nearest of `to` that is not at the same place in memory.
+fn nearest(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Vec<f64> {
+    let squared = |a: &Vector3<f64>| {
+        let others = to.iter().filter(|b| !std::ptr::eq(a, *b));
+        others.map(|b| (a - b).norm_squared()).fold(f64::INFINITY, f64::min)
+    };
+    from.iter().map(|a| squared(a).sqrt()).collect()
+}
+
+fn positions(cloud: &Cloud) -> Vec<Vector3<f64>> {
+    cloud.iter().map(|point| Vector3::from(point.x_in_world)).collect()
+}
+
+#[test]
+fn points_and_normals_are_those_of_the_surface() {
+    for (surface, degrees) in [(tilted(), 0.02), (Surface::Sphere, 2.0), (Surface::SphereOnPlane, 2.0)] {
+        let views = views(surface, 5, FINE, DISTANCE);
+        let (cloud, _) = fuse(&views, &FuseOptions::default(), None);
+        assert!(cloud.len() > 6000, "{surface:?}: {} points", cloud.len());
+        let mut bent = 0;
+        for point in &cloud {
+            let x = Vector3::from(point.x_in_world);
+            let error = surface.distance(&x).abs() / DISTANCE;
+            assert!(error < 1e-4, "{surface:?}: {error} at {x}");
+            let normal = Vector3::from(point.normal).cast::<f64>();
+            assert!((normal.norm() - 1.0).abs() < 1e-6);
+            bent += usize::from(normal.dot(&surface.normal(&x)) < f64::to_radians(degrees).cos());
+            assert!((3..=5).contains(&point.views) && point.confidence == 1.0);
+        }
+        // Where sphere and plane or sphere and nothing meet, a normal has few pixels to go by.
+        let share = bent as f64 / cloud.len() as f64;
+        assert!(share <= if matches!(surface, Surface::Plane(_)) { 0.0 } else { 0.03 }, "{share}");
+    }
+}
+
+#[test]
+fn each_place_comes_out_once_and_none_is_lost() {
+    for surface in [tilted(), Surface::SphereOnPlane] {
+        let views = views(surface, 5, SIZE, DISTANCE);
+        let (cloud, report) = fuse(&views, &FuseOptions::default(), None);
+        let cloud = positions(&cloud);
+        let footprint = footprint(&views);
+        let crowded = nearest(&cloud, &cloud).iter().filter(|&&d| d < 0.5 * footprint).count();
+        assert!((crowded as f64) < 0.03 * cloud.len() as f64, "{crowded} of {}", cloud.len());
+        let total = report.total();
+        assert!(total.merged > 2 * total.points, "five views, most places seen by four or five");
+        // A view that keeps all pixels finds a point within a pixel or so of each of them.
+        let all = FuseOptions { min_views: 1, ..FuseOptions::default() };
+        let (cloud, _) = fuse(&views, &all, None);
+        let lifted: Vec<Vector3<f64>> = lift_map(&views[3].map).flatten().collect();
+        let farthest = nearest(&lifted, &positions(&cloud)).into_iter().fold(0.0, f64::max);
+        assert!(farthest < 3.0 * footprint, "{farthest} against {footprint}");
+    }
+}
+
+#[test]
+fn the_view_in_most_detail_makes_the_points() {
+    let mut all = views(tilted(), 3, SIZE, DISTANCE);
+    all.extend(views(tilted(), 1, SIZE, 0.4 * DISTANCE));
+    let (_, report) = fuse(&all, &FuseOptions::default(), None);
+    assert_eq!(report.views[3].merged, 0);
+    assert_eq!(report.views[3].points, SIZE.area() as u64);
+    assert!(report.views[0].merged > 500);
+}
+
+#[test]
+fn outliers_of_one_map_vanish() {
+    let surface = Surface::SphereOnPlane;
+    let mut views = views(surface, 5, FINE, DISTANCE);
+    let clean = fuse(&views, &FuseOptions::default(), None).0.len();
+    for (i, depth) in views[1].map.depth.data_mut().iter_mut().enumerate() {
+        *depth *= [1.0, 1.0, 1.1, 0.7, 1.03][i * i % 5];
+    }
+    let (cloud, report) = fuse(&views, &FuseOptions::default(), None);
+    for x in positions(&cloud) {
+        let error = surface.distance(&x).abs() / DISTANCE;
+        assert!(error < 1e-4, "{error} at {x}");
+    }
+    assert!(cloud.len() as f64 > 0.97 * clean as f64, "the other views still make the points");
+    assert!(report.views[1].inconsistent > FINE.area() as u64 / 4);
+}
+
+#[test]
+fn masked_and_unconfident_pixels_take_no_part() {
+    let mut views = views(tilted(), 3, SIZE, DISTANCE);
+    let left = |x: usize| x < SIZE.width / 2;
+    views[0].mask = Some(vamvs_core::Grid::from_fn(SIZE, |x, _| !left(x)));
+    for (i, confidence) in views[1].map.confidence.data_mut().iter_mut().enumerate() {
+        *confidence = if left(i % SIZE.width) { 0.05 } else { 0.7 };
+    }
+    let (cloud, report) = fuse(&views, &FuseOptions::default(), None);
+    assert_eq!(report.views[0].masked, SIZE.area() as u64 / 2);
+    assert_eq!(report.views[1].unconfident, SIZE.area() as u64 / 2);
+    let map = &views[0].map;
+    for point in &cloud {
+        assert_eq!(point.views, 3);
+        assert!((point.confidence - 0.9).abs() < 1e-6, "(1 + 0.7 + 1) / 3");
+        assert_eq!(point.colour, [10, 100, 200], "the mean of 0, 10 and 20 in red");
+        let x_in_cam = map.cam_from_world.transform(&Vector3::from(point.x_in_world));
+        assert!(map.camera.intrinsics.project(&x_in_cam).x > SIZE.width as f64 / 2.0 - 1e-3);
+    }
+    assert!(cloud.len() > 1000);
+}
+
+#[test]
+fn the_coarse_confidence_counts_where_there_is_one() {
+    let mut views = views(tilted(), 3, SIZE, DISTANCE);
+    views[2].map.coarse_confidence = Some(vamvs_core::Grid::filled(SIZE, 0.15));
+    let (cloud, report) = fuse(&views, &FuseOptions::default(), None);
+    assert!(cloud.is_empty());
+    assert_eq!(report.views[2].unconfident, SIZE.area() as u64);
+}
+
+#[test]
+fn only_the_region_of_interest_makes_points() {
+    let views = views(tilted(), 4, SIZE, DISTANCE);
+    let roi = Roi { min: Vector3::new(-0.5, -0.25, -9.0), max: Vector3::new(0.25, 0.5, 9.0) };
+    let (cloud, report) = fuse(&views, &FuseOptions::default(), Some(roi));
+    assert!(cloud.len() > 200);
+    assert!(report.total().outside_roi > 0);
+    let tolerance = Vector3::repeat(1e-3);
+    let slack = Roi { min: roi.min - tolerance, max: roi.max + tolerance };
+    assert!(positions(&cloud).iter().all(|x| slack.contains(x)));
+}
+
+#[test]
+fn each_pixel_is_reported_once() {
+    let mut views = views(Surface::Sphere, 4, SIZE, DISTANCE);
+    views[0].mask = Some(vamvs_core::Grid::from_fn(SIZE, |x, y| (x + y) % 7 != 0));
+    views[1].map.confidence.data_mut().iter_mut().step_by(5).for_each(|c| *c = 0.0);
+    let roi = Roi { min: Vector3::repeat(-0.8), max: Vector3::repeat(1.1) };
+    let (cloud, report) = fuse(&views, &FuseOptions::default(), Some(roi));
+    for view in &report.views {
+        assert_eq!(view.pixels, SIZE.area() as u64);
+        let removed = view.without_depth + view.masked + view.unconfident + view.outside_roi;
+        assert_eq!(view.pixels, removed + view.inconsistent + view.merged + view.points);
+    }
+    assert_eq!(report.total().points, cloud.len() as u64);
+}
+
+#[test]
+fn views_that_see_nothing_in_common_give_no_points() {
+    let views = views(tilted(), 3, SIZE, DISTANCE);
+    let neighbours = vec![vec![1], vec![0], vec![]];
+    let options = FuseOptions::default();
+    let job = FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
+    let (cloud, report) = fuse_to_cloud(&job).unwrap();
+    assert!(cloud.is_empty());
+    assert_eq!(report.total().inconsistent, 3 * SIZE.area() as u64, "one neighbour cannot make three views");
+}

@@ -1,0 +1,167 @@
+//! The only writer of files: into a temporary file beside the target, renamed when complete.
+//!
+//! Whatever goes wrong (a folder that cannot be written, a full disk, an error of the caller), the
+//! temporary file is removed and a former file of the same name is untouched. A killed process may
+//! leave a file named `.vamvs-*`, never a half-written target.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use crate::IoError;
+
+/// How the temporary files' names begin.
+pub const PREFIX: &str = ".vamvs-";
+
+/// Writes the file `path` with what `fill` writes.
+///
+/// # Errors
+/// If the folder cannot be written, the disk is full or `fill` fails: then nothing has changed.
+pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), IoError> {
+    let mut file = AtomicFile::create(path)?;
+    fill(&mut file).map_err(IoError::system("write", path))?;
+    file.commit()
+}
+
+/// A file that comes into being when it is committed, and not at all when it is dropped.
+#[derive(Debug)]
+pub struct AtomicFile {
+    path: PathBuf,
+    temporary: BufWriter<NamedTempFile>,
+}
+
+impl AtomicFile {
+    /// Begins the file `path`; its folder must exist.
+    ///
+    /// # Errors
+    /// If the folder cannot be written.
+    pub fn create(path: &Path) -> Result<Self, IoError> {
+        let temporary = temporary_beside(path).map_err(IoError::system("write", path))?;
+        Ok(Self { path: path.to_owned(), temporary: BufWriter::with_capacity(1 << 18, temporary) })
+    }
+
+    /// The path that the file will have.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Gives the complete file its name.
+    ///
+    /// # Errors
+    /// If the last bytes cannot be written or the file cannot be renamed.
+    pub fn commit(self) -> Result<(), IoError> {
+        let Self { path, temporary } = self;
+        let rename = |file: NamedTempFile| file.persist(&path).map_err(|refused| refused.error);
+        temporary
+            .into_inner()
+            .map_err(io::IntoInnerError::into_error)
+            .and_then(rename)
+            .map(|_: File| ())
+            .map_err(IoError::system("write", &path))
+    }
+}
+
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.temporary.write(bytes)
+    }
+
+    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.temporary.write_all(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.temporary.flush()
+    }
+}
+
+impl Seek for AtomicFile {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
+        self.temporary.seek(position)
+    }
+}
+
+/// A temporary file in the folder of `path`, with the permissions of a plainly created file.
+fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(PREFIX);
+    #[cfg(unix)]
+    let builder = builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    #[test]
+    fn a_written_file_is_complete_and_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("naïve name.txt");
+        write(&path, |out| out.write_all(b"one")).unwrap();
+        write(&path, |out| out.write_all(b"two")).unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"two");
+        assert_eq!(names(folder.path()), ["naïve name.txt"]);
+    }
+
+    #[test]
+    fn a_full_disk_leaves_the_old_file_and_no_temporary_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.pfm");
+        write(&path, |out| out.write_all(b"old")).unwrap();
+        let error = write(&path, |out| {
+            out.write_all(&[0; 1 << 20])?;
+            Err(io::ErrorKind::StorageFull.into())
+        })
+        .unwrap_err();
+        assert!(error.to_string().contains("depth.pfm"), "{error}");
+        let IoError::System { source, .. } = error else { panic!("{error}") };
+        assert_eq!(source.kind(), io::ErrorKind::StorageFull);
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(folder.path()), ["depth.pfm"]);
+    }
+
+    #[test]
+    fn a_dropped_file_never_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut file = AtomicFile::create(&folder.path().join("cloud.ply")).unwrap();
+        file.write_all(b"half").unwrap();
+        drop(file);
+        assert!(names(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_written_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let file_as_folder = folder.path().join("plain");
+        fs::File::open(folder.path()).unwrap();
+        write(&file_as_folder, |_| Ok(())).unwrap();
+        for path in [file_as_folder.join("x.pfm"), folder.path().join("absent/x.pfm")] {
+            let error = write(&path, |_| Ok(())).unwrap_err();
+            assert!(error.to_string().contains("x.pfm"), "{error}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn permissions_are_those_of_any_other_file() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        write(&path, |_| Ok(())).unwrap();
+        let plain = folder.path().join("b");
+        fs::OpenOptions::new().write(true).create_new(true).open(&plain).unwrap();
+        let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&path), mode(&plain));
+    }
+}

@@ -1,0 +1,196 @@
+//! COLMAP's camera models as cameras, and back.
+
+use vamvs_core::{Camera, Intrinsics, Lens, Size};
+
+/// A camera model of COLMAP: one or two focal lengths, the principal point, and a lens.
+pub(super) struct CameraModel {
+    /// Its name in text files.
+    pub(super) name: &'static str,
+    /// Its number in binary files.
+    pub(super) id: i32,
+    /// Number of parameters.
+    pub(super) parameters: usize,
+    focal_lengths: usize,
+    lens: LensKind,
+}
+
+/// What the parameters after the principal point are; those that a model does not have are 0.
+enum LensKind {
+    /// k₁ k₂ p₁ p₂ k₃ … k₆.
+    Rational,
+    /// k₁ … k₄.
+    Fisheye,
+    /// Something that [`Lens`] does not express.
+    Unsupported,
+}
+
+const fn model(
+    name: &'static str,
+    id: i32,
+    parameters: usize,
+    focal_lengths: usize,
+    lens: LensKind,
+) -> CameraModel {
+    CameraModel { name, id, parameters, focal_lengths, lens }
+}
+
+static MODELS: [CameraModel; 12] = [
+    model("SIMPLE_PINHOLE", 0, 3, 1, LensKind::Rational),
+    model("PINHOLE", 1, 4, 2, LensKind::Rational),
+    model("SIMPLE_RADIAL", 2, 4, 1, LensKind::Rational),
+    model("RADIAL", 3, 5, 1, LensKind::Rational),
+    model("OPENCV", 4, 8, 2, LensKind::Rational),
+    model("OPENCV_FISHEYE", 5, 8, 2, LensKind::Fisheye),
+    model("FULL_OPENCV", 6, 12, 2, LensKind::Rational),
+    model("FOV", 7, 5, 2, LensKind::Unsupported),
+    model("SIMPLE_RADIAL_FISHEYE", 8, 4, 1, LensKind::Fisheye),
+    model("RADIAL_FISHEYE", 9, 5, 1, LensKind::Fisheye),
+    model("THIN_PRISM_FISHEYE", 10, 12, 2, LensKind::Unsupported),
+    model("RAD_TAN_THIN_PRISM_FISHEYE", 11, 16, 2, LensKind::Unsupported),
+];
+
+/// Longest side of an image, in pixels, that is taken for one.
+const LONGEST_SIDE: u64 = 1 << 20;
+
+/// The model of the given name.
+pub(super) fn by_name(name: &str) -> Result<&'static CameraModel, String> {
+    supported(name, MODELS.iter().find(|model| model.name == name))
+}
+
+/// The model of the given number.
+pub(super) fn by_id(id: i32) -> Result<&'static CameraModel, String> {
+    let model = MODELS.iter().find(|model| model.id == id);
+    supported(&model.map_or_else(|| format!("number {id}"), |model| model.name.to_owned()), model)
+}
+
+fn supported(name: &str, model: Option<&'static CameraModel>) -> Result<&'static CameraModel, String> {
+    let is_supported = |model: &&CameraModel| !matches!(model.lens, LensKind::Unsupported);
+    model.filter(is_supported).ok_or_else(|| {
+        let names: Vec<&str> = MODELS.iter().filter(is_supported).map(|model| model.name).collect();
+        let names = names.join(", ");
+        format!("expected one of the camera models {names}, found {name}; undistort the images, or refine with one of these")
+    })
+}
+
+/// The image size of a camera.
+pub(super) fn size(width: u64, height: u64) -> Result<Size, String> {
+    let valid = 1..=LONGEST_SIDE;
+    if valid.contains(&width) && valid.contains(&height) {
+        Ok(Size::new(width as usize, height as usize))
+    } else {
+        Err(format!("expected an image size of 1 to {LONGEST_SIDE} pixels a side, found {width}×{height}"))
+    }
+}
+
+/// The camera of a model's parameters, as many as the model has.
+pub(super) fn camera(model: &CameraModel, size: Size, parameters: &[f64]) -> Result<Camera, String> {
+    if !parameters.iter().all(|value| value.is_finite()) {
+        return Err(format!("expected finite parameters, found {parameters:?}"));
+    }
+    let (focal_lengths, rest) = parameters.split_at(model.focal_lengths);
+    let (fx, fy) = (focal_lengths[0], focal_lengths[model.focal_lengths - 1]);
+    let intrinsics = Intrinsics::try_new(fx, fy, rest[0], rest[1]).map_err(|error| error.to_string())?;
+    Ok(Camera { size, intrinsics, lens: lens(&model.lens, &rest[2..]) })
+}
+
+fn lens(kind: &LensKind, given: &[f64]) -> Lens {
+    let value = |i: usize| given.get(i).copied().unwrap_or(0.0);
+    let lens = if matches!(kind, LensKind::Fisheye) {
+        Lens::Fisheye { k: [value(0), value(1), value(2), value(3)] }
+    } else {
+        let k = [value(0), value(1), value(4), value(5), value(6), value(7)];
+        Lens::Rational { k, p: [value(2), value(3)] }
+    };
+    if lens.bends() { lens } else { Lens::None }
+}
+
+/// The simplest model of PINHOLE, OPENCV, FULL_OPENCV and OPENCV_FISHEYE that expresses a camera, and
+/// its parameters.
+pub(super) fn parameters(camera: &Camera) -> (&'static CameraModel, Vec<f64>) {
+    let Intrinsics { fx, fy, cx, cy } = camera.intrinsics;
+    let (id, lens) = match camera.lens {
+        Lens::None => (1, vec![]),
+        Lens::Rational { k: [k1, k2, 0.0, 0.0, 0.0, 0.0], p: [p1, p2] } => (4, vec![k1, k2, p1, p2]),
+        Lens::Rational { k, p } => (6, vec![k[0], k[1], p[0], p[1], k[2], k[3], k[4], k[5]]),
+        Lens::Fisheye { k } => (5, k.to_vec()),
+    };
+    (&MODELS[id], [vec![fx, fy, cx, cy], lens].concat())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: Size = Size::new(640, 480);
+
+    fn read(name: &str, parameters: &[f64]) -> Camera {
+        let model = by_name(name).unwrap();
+        assert_eq!(model.parameters, parameters.len());
+        camera(model, SIZE, parameters).unwrap()
+    }
+
+    #[test]
+    fn numbers_are_the_places_in_the_table() {
+        assert!((0..).zip(&MODELS).all(|(place, model)| place == model.id));
+    }
+
+    #[test]
+    fn parameters_go_where_opencv_has_them() {
+        let rational = |k, p| Lens::Rational { k, p };
+        let square = Intrinsics { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0 };
+        let other = Intrinsics { fy: 510.0, ..square };
+        let cases: [(&str, &[f64], Intrinsics, Lens); 9] = [
+            ("SIMPLE_PINHOLE", &[500.0, 320.0, 240.0], square, Lens::None),
+            ("PINHOLE", &[500.0, 510.0, 320.0, 240.0], other, Lens::None),
+            ("SIMPLE_RADIAL", &[500.0, 320.0, 240.0, 0.1], square, rational([0.1, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2])),
+            ("RADIAL", &[500.0, 320.0, 240.0, 0.1, 0.2], square, rational([0.1, 0.2, 0.0, 0.0, 0.0, 0.0], [0.0; 2])),
+            (
+                "OPENCV",
+                &[500.0, 510.0, 320.0, 240.0, 0.1, 0.2, 0.3, 0.4],
+                other,
+                rational([0.1, 0.2, 0.0, 0.0, 0.0, 0.0], [0.3, 0.4]),
+            ),
+            (
+                "FULL_OPENCV",
+                &[500.0, 510.0, 320.0, 240.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8],
+                other,
+                rational([0.1, 0.2, 0.5, 0.6, 0.7, 0.8], [0.3, 0.4]),
+            ),
+            (
+                "OPENCV_FISHEYE",
+                &[500.0, 510.0, 320.0, 240.0, 0.1, 0.2, 0.3, 0.4],
+                other,
+                Lens::Fisheye { k: [0.1, 0.2, 0.3, 0.4] },
+            ),
+            ("SIMPLE_RADIAL_FISHEYE", &[500.0, 320.0, 240.0, 0.1], square, Lens::Fisheye { k: [0.1, 0.0, 0.0, 0.0] }),
+            ("RADIAL_FISHEYE", &[500.0, 320.0, 240.0, 0.1, 0.2], square, Lens::Fisheye { k: [0.1, 0.2, 0.0, 0.0] }),
+        ];
+        for (name, values, intrinsics, lens) in cases {
+            let expected = Camera { size: SIZE, intrinsics, lens };
+            let found = read(name, values);
+            assert_eq!(found, expected, "{name}");
+            let (model, again) = parameters(&found);
+            assert_eq!(camera(model, SIZE, &again), Ok(expected), "{name} written as {}", model.name);
+        }
+    }
+
+    #[test]
+    fn distortion_of_zero_is_none_but_a_fisheye_always_bends() {
+        assert_eq!(read("SIMPLE_RADIAL", &[500.0, 320.0, 240.0, 0.0]).lens, Lens::None);
+        let fisheye = read("SIMPLE_RADIAL_FISHEYE", &[500.0, 320.0, 240.0, 0.0]);
+        assert_eq!(fisheye.lens, Lens::Fisheye { k: [0.0; 4] });
+    }
+
+    #[test]
+    fn what_is_no_camera_is_refused() {
+        let pinhole = by_id(1).unwrap();
+        for parameters in [[0.0, 1.0, 0.0, 0.0], [1.0, f64::NAN, 0.0, 0.0]] {
+            assert!(camera(pinhole, SIZE, &parameters).is_err());
+        }
+        for refused in [by_name("FOV"), by_id(7), by_id(-1), by_name("pinhole")] {
+            let message = refused.err().unwrap();
+            assert!(message.contains("undistort") && message.contains("FULL_OPENCV"), "{message}");
+        }
+        assert!(size(0, 480).is_err() && size(u64::MAX, 480).is_err() && size(640, 480) == Ok(SIZE));
+    }
+}

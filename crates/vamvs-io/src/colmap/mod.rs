@@ -1,0 +1,14 @@
+//! COLMAP's sparse models, text and binary, including those of COLMAP 4.
+//!
+//! A model is a folder of `cameras`, `images` and `points3D` files, `.bin` or `.txt`; if it has both,
+//! the binary ones are read. The `rigs` and `frames` files of COLMAP 4 repeat what the images hold
+//! and are not needed.
+
+mod binary;
+mod camera;
+pub mod model;
+mod scene;
+mod text;
+
+pub use model::{Image, Model, Observation, Point};
+pub use scene::read_scene;

@@ -1,0 +1,185 @@
+//! A sparse model: cameras, registered images and triangulated points.
+
+use std::collections::{BTreeMap, HashSet};
+use std::fmt;
+use std::path::Path;
+
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3};
+use vamvs_core::{Camera, Pose, Scene, View};
+
+use super::{binary, text};
+use crate::{IoError, Place, folder};
+
+/// A sparse model.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Model {
+    /// The cameras by id.
+    pub cameras: BTreeMap<u32, Camera>,
+    /// The registered images.
+    pub images: Vec<Image>,
+    /// The triangulated points.
+    pub points: Vec<Point>,
+}
+
+/// A registered image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    /// COLMAP's id.
+    pub id: u32,
+    /// The file's path relative to the image folder, with `/` between folders.
+    pub name: String,
+    /// The id of its camera.
+    pub camera_id: u32,
+    /// The pose.
+    pub cam_from_world: Pose,
+    /// The keypoints.
+    pub observations: Vec<Observation>,
+}
+
+/// A keypoint of an image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observation {
+    /// Image coordinates in the distorted image.
+    pub pixel: Vector2<f64>,
+    /// The id of the triangulated point, if there is one.
+    pub point_id: Option<u64>,
+}
+
+/// A triangulated point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// COLMAP's id.
+    pub id: u64,
+    /// Position.
+    pub x_in_world: Vector3<f64>,
+    /// Red, green, blue.
+    pub rgb: [u8; 3],
+    /// Mean reprojection error in pixels.
+    pub error: f64,
+    /// Image ids, and which of the image's observations it is.
+    pub track: Vec<(u32, u32)>,
+}
+
+impl Model {
+    /// Reads the model in `folder`: the binary files if there is a `cameras.bin`, else the text files.
+    ///
+    /// Quaternions are normalised. A model without a `points3D` file has no points.
+    ///
+    /// # Errors
+    /// If a file cannot be read or is malformed, a camera's model is not supported, a pose or a camera
+    /// is none, or an image's camera does not exist.
+    pub fn read(folder: &Path) -> Result<Self, IoError> {
+        let model = if folder.join("cameras.bin").is_file() {
+            binary::read(folder)?
+        } else if folder.join("cameras.txt").is_file() {
+            text::read(folder)?
+        } else {
+            let problem = "expected a COLMAP model with cameras.bin or cameras.txt, found neither";
+            return Err(IoError::malformed(folder, Place::Whole, problem));
+        };
+        model.check(folder)?;
+        Ok(model)
+    }
+
+    /// Writes `cameras.txt`, `images.txt` and `points3D.txt` into `folder`, which must exist.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write_text(&self, folder: &Path) -> Result<(), IoError> {
+        text::write(self, folder)
+    }
+
+    /// Writes `cameras.bin`, `images.bin` and `points3D.bin` into `folder`, which must exist.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write_binary(&self, folder: &Path) -> Result<(), IoError> {
+        binary::write(self, folder)
+    }
+
+    /// The model of a scene, with a camera for each view.
+    ///
+    /// A scene does not keep keypoints: where a point was seen is where it projects, and a view behind
+    /// or beside which it lies does not see it. Colours are not known and are written as black.
+    #[must_use]
+    pub fn from_scene(scene: &Scene) -> Self {
+        let cameras = scene.views.iter().map(|view| (view.id, view.camera)).collect();
+        let mut images: Vec<Image> = scene.views.iter().map(Image::unobserved).collect();
+        let mut points = Vec::with_capacity(scene.points.len());
+        for (id, point) in (1..).zip(&scene.points) {
+            let mut track = Vec::with_capacity(point.views.len());
+            for &view in &point.views {
+                let x_in_cam = scene.views[view].cam_from_world.transform(&point.x_in_world);
+                if let Some(pixel) = scene.views[view].camera.project(&x_in_cam) {
+                    track.push((scene.views[view].id, images[view].observations.len() as u32));
+                    images[view].observations.push(Observation { pixel, point_id: Some(id) });
+                }
+            }
+            points.push(Point { id, x_in_world: point.x_in_world, rgb: [0; 3], error: 0.0, track });
+        }
+        Self { cameras, images, points }
+    }
+
+    /// Checks what no reader of a single file can see.
+    fn check(&self, folder: &Path) -> Result<(), IoError> {
+        let (mut ids, mut names) = (HashSet::new(), HashSet::new());
+        for image in &self.images {
+            let problem = if !self.cameras.contains_key(&image.camera_id) {
+                format!("its camera {} does not exist", image.camera_id)
+            } else if !folder::is_inside(&image.name) {
+                "its name is no path inside of an image folder".to_owned()
+            } else if !ids.insert(image.id) || !names.insert(&image.name) {
+                "its id or its name occurs twice".to_owned()
+            } else {
+                continue;
+            };
+            return Err(IoError::malformed(folder, Place::Whole, format!("{image}: {problem}")));
+        }
+        Ok(())
+    }
+}
+
+impl Image {
+    fn unobserved(view: &View) -> Self {
+        Self {
+            id: view.id,
+            name: view.name.clone(),
+            camera_id: view.id,
+            cam_from_world: view.cam_from_world,
+            observations: Vec::new(),
+        }
+    }
+}
+
+impl fmt::Display for Image {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "image {} ({:?})", self.id, self.name)
+    }
+}
+
+/// The pose of a quaternion (w, x, y, z), which is normalised, and a translation.
+pub(super) fn pose(quaternion: [f64; 4], translation: [f64; 3]) -> Result<Pose, String> {
+    let [w, x, y, z] = quaternion;
+    let norm = Quaternion::new(w, x, y, z).norm();
+    if !norm.is_normal() {
+        return Err(format!("expected a rotation as a quaternion other than 0, found {quaternion:?}"));
+    }
+    let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z)).to_rotation_matrix();
+    Pose::try_new(rotation.into_inner(), translation.into()).map_err(|error| error.to_string())
+}
+
+/// The unit quaternion (w, x, y, z) of a pose.
+pub(super) fn quaternion(cam_from_world: &Pose) -> [f64; 4] {
+    let rotation = Rotation3::from_matrix_unchecked(cam_from_world.rotation);
+    let q = UnitQuaternion::from_rotation_matrix(&rotation);
+    [q.w, q.i, q.j, q.k]
+}
+
+/// The position of a point, which must be finite.
+pub(super) fn position(coordinates: [f64; 3]) -> Result<Vector3<f64>, String> {
+    if coordinates.iter().all(|value| value.is_finite()) {
+        Ok(coordinates.into())
+    } else {
+        Err(format!("expected a finite position, found {coordinates:?}"))
+    }
+}

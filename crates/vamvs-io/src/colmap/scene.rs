@@ -1,0 +1,58 @@
+//! A sparse model and its image folder as a scene.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use vamvs_core::{Camera, Scene, SparsePoint, View};
+
+use super::model::{Image, Model, Point};
+use crate::{IoError, Loaded, Place, folder};
+
+/// Reads the model in `model` with the photographs in `images`, as a scene with views sorted by name.
+///
+/// # Errors
+/// If the model cannot be read (see [`Model::read`]), has no images, or photographs are missing.
+pub fn read_scene(model: &Path, images: &Path) -> Result<Loaded, IoError> {
+    let Model { cameras, images: mut registered, points } = Model::read(model)?;
+    if registered.is_empty() {
+        let problem = "expected registered images, found none";
+        return Err(IoError::malformed(model, Place::Whole, problem));
+    }
+    registered.sort_by(|a, b| a.name.cmp(&b.name));
+    folder::require(images, registered.iter().map(|image| image.name.as_str()))?;
+    let mut warnings = Vec::new();
+    warnings.extend(folder::warn_of_unused(
+        &folder::images(images)?,
+        registered.iter().map(|image| image.name.as_str()),
+    ));
+    let (points, dangling) = sparse_points(&registered, &points);
+    if dangling > 0 {
+        warnings.push(format!("{dangling} observations of points are in images that the model does not have"));
+    }
+    let view = |image: Image| view(cameras[&image.camera_id], image);
+    let views = registered.into_iter().map(view).collect();
+    Ok(Loaded { scene: Scene { views, points, pairs: None }, warnings })
+}
+
+fn view(camera: Camera, image: Image) -> View {
+    View { id: image.id, name: image.name, camera, cam_from_world: image.cam_from_world, depth_range: None }
+}
+
+/// The points with the indices of the images that saw them, each once, and the number of
+/// observations in images that do not exist. Points that no image saw are left out.
+fn sparse_points(images: &[Image], points: &[Point]) -> (Vec<SparsePoint>, usize) {
+    let index_of: HashMap<u32, usize> = images.iter().enumerate().map(|(i, image)| (image.id, i)).collect();
+    let mut dangling = 0;
+    let mut sparse = Vec::with_capacity(points.len());
+    for point in points {
+        let mut views: Vec<usize> =
+            point.track.iter().filter_map(|(image, _)| index_of.get(image).copied()).collect();
+        dangling += point.track.len() - views.len();
+        views.sort_unstable();
+        views.dedup();
+        if !views.is_empty() {
+            sparse.push(SparsePoint { x_in_world: point.x_in_world, views });
+        }
+    }
+    (sparse, dangling)
+}

@@ -1,0 +1,139 @@
+//! Depth maps by extension: `.pfm`, or 16-bit grey `.png` with a step given.
+
+use std::path::Path;
+
+use ::image::DynamicImage;
+use vamvs_core::{Grid, Size, depth_map};
+
+use crate::{IoError, Place, image, pfm};
+
+/// Largest value of a PNG that is a depth; 65535 and 0 both mean none.
+const LARGEST: u16 = u16::MAX - 1;
+
+/// Reads a depth map; pixels without a depth are 0.
+///
+/// `png_step` is the depth, in scene units, of one step of a 16-bit PNG (0.001 for millimetres in a
+/// scene of metres); PFM files do not need it.
+///
+/// # Errors
+/// If the file cannot be read, or is neither PFM nor a 16-bit grey PNG.
+pub fn read(path: &Path, png_step: f64) -> Result<Grid<f32>, IoError> {
+    match Format::of(path)? {
+        Format::Pfm => pfm::read_depth(path),
+        Format::Png => read_png(path, png_step),
+    }
+}
+
+/// Writes a depth map.
+///
+/// `png_step` is the depth, in scene units, of one step of a 16-bit PNG; PFM files do not need it.
+///
+/// # Errors
+/// If the file cannot be written, or a depth does not fit 16 bits; then nothing has changed.
+pub fn write(path: &Path, depth: &Grid<f32>, png_step: f64) -> Result<(), IoError> {
+    match Format::of(path)? {
+        Format::Pfm => pfm::write(path, depth),
+        Format::Png => image::save_png_gray16(path, &quantized(path, depth, png_step)?),
+    }
+}
+
+enum Format {
+    Pfm,
+    Png,
+}
+
+impl Format {
+    fn of(path: &Path) -> Result<Self, IoError> {
+        let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        match extension.as_str() {
+            "pfm" => Ok(Self::Pfm),
+            "png" => Ok(Self::Png),
+            other => {
+                let problem = format!("expected a depth map's extension, .pfm or .png, found {other:?}");
+                Err(IoError::unsupported(path, Place::Whole, problem))
+            }
+        }
+    }
+}
+
+fn read_png(path: &Path, step: f64) -> Result<Grid<f32>, IoError> {
+    let grey = match image::decode(path)?.0 {
+        DynamicImage::ImageLuma16(grey) => grey,
+        other => {
+            let problem = format!("expected 16-bit grey pixels of a depth map, found {:?}", other.color());
+            return Err(IoError::unsupported(path, Place::Whole, problem));
+        }
+    };
+    let size = Size::new(grey.width() as usize, grey.height() as usize);
+    Ok(Grid::from_vec(size, grey.into_raw()).map(|&value| metric(value, step)))
+}
+
+fn metric(value: u16, step: f64) -> f32 {
+    if value > LARGEST { 0.0 } else { (f64::from(value) * step) as f32 }
+}
+
+fn quantized(path: &Path, depth: &Grid<f32>, step: f64) -> Result<Grid<u16>, IoError> {
+    let mut values = Vec::with_capacity(depth.size().area());
+    for &depth in depth.data() {
+        let value = if depth_map::is_valid(depth) { steps(depth, step) } else { Some(0) };
+        values.push(value.ok_or_else(|| does_not_fit(path, depth, step))?);
+    }
+    Ok(Grid::from_vec(depth.size(), values))
+}
+
+fn steps(depth: f32, step: f64) -> Option<u16> {
+    let value = (f64::from(depth) / step).round();
+    (value >= 1.0 && value <= f64::from(LARGEST)).then_some(value as u16)
+}
+
+fn does_not_fit(path: &Path, depth: f32, step: f64) -> IoError {
+    let problem = format!(
+        "depth {depth} at {step} per step: expected 1 to {LARGEST} steps; choose another step, or write .pfm"
+    );
+    IoError::unsupported(path, Place::Whole, problem)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_formats_give_back_what_they_got() {
+        let folder = tempfile::tempdir().unwrap();
+        let depth = Grid::from_vec(Size::new(3, 2), vec![0.0, 0.001, 1.5, 2.25, 65.534, 0.0]);
+        for name in ["d.pfm", "d.PNG"] {
+            let path = folder.path().join(name);
+            write(&path, &depth, 0.001).unwrap();
+            assert_eq!(read(&path, 0.001).unwrap(), depth, "{name}");
+        }
+    }
+
+    #[test]
+    fn pixels_without_depth_become_zero() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("d.png");
+        let grey = Grid::from_vec(Size::new(3, 1), vec![0, 65535, 65534]);
+        image::save_png_gray16(&path, &grey).unwrap();
+        assert_eq!(read(&path, 2.0).unwrap().data(), [0.0, 0.0, 131_068.0]);
+        let invalid = Grid::from_vec(Size::new(4, 1), vec![f32::NAN, f32::INFINITY, -1.0, 4.0]);
+        for name in ["e.pfm", "e.png"] {
+            let path = folder.path().join(name);
+            write(&path, &invalid, 2.0).unwrap();
+            assert_eq!(read(&path, 2.0).unwrap().data(), [0.0, 0.0, 0.0, 4.0]);
+        }
+    }
+
+    #[test]
+    fn depths_that_do_not_fit_and_other_pictures_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("d.png");
+        for depth in [70.0, 0.0001] {
+            let error = write(&path, &Grid::filled(Size::new(1, 1), depth), 0.001).unwrap_err();
+            assert!(error.to_string().contains("per step"), "{error}");
+            assert!(!path.exists());
+        }
+        image::save_png_rgb(&path, &Grid::filled(Size::new(2, 2), [1, 2, 3])).unwrap();
+        assert!(read(&path, 1.0).unwrap_err().to_string().contains("Rgb8"));
+        assert!(read(&folder.path().join("d.exr"), 1.0).unwrap_err().to_string().contains("exr"));
+    }
+}

@@ -1,0 +1,130 @@
+//! What can go wrong with a file: always which one, where in it, what was expected and what was found.
+
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use vamvs_core::Size;
+
+/// Why a file could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum IoError {
+    /// The operating system refused.
+    #[error("cannot {action} {}", path.display())]
+    System {
+        /// What was tried, as a verb.
+        action: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// The file's content is not what its format asks for.
+    #[error("{}{place}: {problem}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Where in the file.
+        place: Place,
+        /// The entity, what was expected and what was found.
+        problem: String,
+    },
+    /// The content is valid but beyond what is supported.
+    #[error("{}{place}: {problem}", path.display())]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// Where in the file.
+        place: Place,
+        /// What is not supported, and what to do.
+        problem: String,
+    },
+    /// A picture could not be decoded.
+    #[error("cannot decode the image {}", path.display())]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// The decoder's reason.
+        source: ::image::ImageError,
+    },
+    /// A picture belongs to another camera.
+    #[error(
+        "{}: the image is {image} pixels, its {of} {expected}; the sizes must agree, or at least their aspect ratios",
+        path.display()
+    )]
+    SizeMismatch {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        image: Size,
+        /// What it was compared with: "camera" or "photograph".
+        of: &'static str,
+        /// The size of that.
+        expected: Size,
+    },
+    /// Photographs that the scene's files name are not in the image folder.
+    #[error(
+        "{count} of the scene's images missing in {}: {}{}",
+        folder.display(), first.join(", "), if *count > first.len() { ", …" } else { "" }
+    )]
+    MissingImages {
+        /// The image folder.
+        folder: PathBuf,
+        /// How many are missing.
+        count: usize,
+        /// The names of the first few.
+        first: Vec<String>,
+    },
+}
+
+/// A place in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// The file as a whole.
+    Whole,
+    /// A line, counted from 1.
+    Line(usize),
+    /// A byte, counted from 0.
+    Byte(u64),
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Whole => Ok(()),
+            Self::Line(line) => write!(f, " line {line}"),
+            Self::Byte(byte) => write!(f, " byte {byte}"),
+        }
+    }
+}
+
+impl IoError {
+    /// A closure for `map_err` that says what was tried on which file.
+    pub(crate) fn system(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::System { action, path: path.to_owned(), source }
+    }
+
+    /// A problem with the content of `path`.
+    pub(crate) fn malformed(path: &Path, place: Place, problem: impl fmt::Display) -> Self {
+        Self::Malformed { path: path.to_owned(), place, problem: problem.to_string() }
+    }
+
+    /// A valid content of `path` that is not supported.
+    pub(crate) fn unsupported(path: &Path, place: Place, problem: impl fmt::Display) -> Self {
+        Self::Unsupported { path: path.to_owned(), place, problem: problem.to_string() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_name_the_file_and_the_place() {
+        let error = IoError::malformed(Path::new("a b.txt"), Place::Line(3), "expected 1, found 2");
+        assert_eq!(error.to_string(), "a b.txt line 3: expected 1, found 2");
+        let first = vec!["é.jpg".to_owned(), "b.jpg".to_owned()];
+        let error = IoError::MissingImages { folder: "images".into(), count: 7, first };
+        assert_eq!(error.to_string(), "7 of the scene's images missing in images: é.jpg, b.jpg, …");
+    }
+}

@@ -1,0 +1,103 @@
+//! What lies in an image folder, and whether it is what a scene's files name.
+
+use std::collections::BTreeSet;
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Component, Path};
+
+use crate::IoError;
+
+/// Extensions of the formats that [`crate::image`] decodes, in lower case.
+const EXTENSIONS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
+
+/// How many missing images a message names.
+const NAMED: usize = 5;
+
+/// The names of all images in `folder` and its subfolders, relative to it, with `/` between folders.
+///
+/// Symbolic links to files are followed, those to folders are not. Files whose names are not UTF-8
+/// are left out: no scene can name them.
+pub(crate) fn images(folder: &Path) -> Result<BTreeSet<String>, IoError> {
+    let mut names = BTreeSet::new();
+    collect(folder, "", &mut names)?;
+    Ok(names)
+}
+
+fn collect(folder: &Path, prefix: &str, names: &mut BTreeSet<String>) -> Result<(), IoError> {
+    for entry in fs::read_dir(folder).map_err(IoError::system("list", folder))? {
+        let entry = entry.map_err(IoError::system("list", folder))?;
+        let Ok(name) = entry.file_name().into_string() else { continue };
+        let name = format!("{prefix}{name}");
+        if entry.file_type().map_err(IoError::system("inspect", &entry.path()))?.is_dir() {
+            collect(&entry.path(), &format!("{name}/"), names)?;
+        } else if is_image(Path::new(&name)) {
+            names.insert(name);
+        }
+    }
+    Ok(())
+}
+
+fn is_image(path: &Path) -> bool {
+    let extension = path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase);
+    extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str()))
+}
+
+/// An error that names the first few of `names` that are no files of `folder`, if there are any.
+pub(crate) fn require<'a>(folder: &Path, names: impl Iterator<Item = &'a str>) -> Result<(), IoError> {
+    let missing: Vec<&str> = names.filter(|name| !folder.join(name).is_file()).collect();
+    missing_images(folder, &missing)
+}
+
+/// An error that names the first few of the `missing` images, if there are any.
+pub(crate) fn missing_images(folder: &Path, missing: &[&str]) -> Result<(), IoError> {
+    if missing.is_empty() {
+        return Ok(());
+    }
+    let first = missing.iter().take(NAMED).map(|&name| name.to_owned()).collect();
+    Err(IoError::MissingImages { folder: folder.to_owned(), count: missing.len(), first })
+}
+
+/// A warning about the images of `found` that are not among the scene's, if there are any.
+pub(crate) fn warn_of_unused<'a>(
+    found: &BTreeSet<String>,
+    used: impl Iterator<Item = &'a str>,
+) -> Option<String> {
+    let used: BTreeSet<&str> = used.collect();
+    let unused: Vec<&String> = found.iter().filter(|name| !used.contains(name.as_str())).collect();
+    let first = unused.first()?;
+    Some(format!("{} images have no camera and are not used ({first} …)", unused.len()))
+}
+
+/// Whether `name` is a relative path that stays inside its folder.
+pub(crate) fn is_inside(name: &str) -> bool {
+    !name.is_empty() && Path::new(name).components().all(|part| matches!(part, Component::Normal(_)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_leave_the_folder_are_told_apart() {
+        assert!(is_inside("a b/ü.jpg"));
+        for name in ["", "/etc/passwd", "../a.jpg", "a/../../b.jpg"] {
+            assert!(!is_inside(name), "{name}");
+        }
+    }
+
+    #[test]
+    fn subfolders_are_searched_and_other_files_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("left")).unwrap();
+        for name in ["b.JPG", "left/a é.png", "notes.txt", "jpg"] {
+            crate::atomic::write(&folder.path().join(name), |_| Ok(())).unwrap();
+        }
+        let found = images(folder.path()).unwrap();
+        assert_eq!(found.iter().map(String::as_str).collect::<Vec<_>>(), ["b.JPG", "left/a é.png"]);
+        assert_eq!(warn_of_unused(&found, ["b.JPG", "left/a é.png"].into_iter()), None);
+        assert!(warn_of_unused(&found, ["b.JPG"].into_iter()).unwrap().contains("1 images"));
+        assert!(require(folder.path(), ["b.JPG"].into_iter()).is_ok());
+        let error = require(folder.path(), ["b.JPG", "c.png"].into_iter()).unwrap_err();
+        assert!(error.to_string().contains("c.png"), "{error}");
+    }
+}

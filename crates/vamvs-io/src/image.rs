@@ -1,0 +1,213 @@
+//! Photographs: decoding with EXIF orientation and alpha, fitting to their cameras, resizing, saving.
+//!
+//! **EXIF orientation.** A camera model was calibrated either on the pixels as stored (COLMAP, which
+//! ignores the orientation tag) or on an upright copy. The camera's size tells: if the stored size is
+//! the camera's, the pixels are used as stored; if only the rotated size is, they are rotated. With
+//! equal sizes (no rotation, a half turn, a square) they are used as stored.
+
+use std::fs::{self, File};
+use std::io::{self, BufReader, Cursor, Write};
+use std::path::Path;
+
+use ::image::codecs::png::PngEncoder;
+use ::image::imageops::{self, FilterType};
+use ::image::metadata::Orientation;
+use ::image::{
+    DynamicImage, ExtendedColorType, ImageBuffer, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Limits,
+};
+use vamvs_core::{Camera, Grid, Rgb, Size};
+
+use crate::{IoError, Place, atomic, jpeg};
+
+/// Largest decoded image and largest file, in bytes (357 million pixels of 8-bit RGB).
+const MAX_BYTES: u64 = 1 << 30;
+
+/// Largest relative difference of aspect ratios at which an image still is its camera's.
+const ASPECT_TOLERANCE: f64 = 0.01;
+
+/// Alpha from which on a pixel counts.
+const OPAQUE: u8 = 128;
+
+/// A decoded photograph.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadedImage {
+    /// The colours; grey is repeated, 16 bits are reduced to 8, alpha is dropped.
+    pub rgb: Grid<Rgb>,
+    /// Pixels that are at least half opaque; `None` if all are.
+    pub alpha_mask: Option<Grid<bool>>,
+    /// Whether the EXIF orientation was applied.
+    pub exif_rotated: bool,
+    /// What a user should know about how the image was fitted to its camera.
+    pub note: Option<String>,
+}
+
+/// Decodes an image as its pixels are stored.
+///
+/// # Errors
+/// If the file cannot be read, is truncated or corrupt, is none of JPEG, PNG, TIFF, BMP and WebP, or
+/// would decode to more than 1 GiB.
+pub fn load(path: &Path) -> Result<LoadedImage, IoError> {
+    Ok(convert(decode(path)?.0, false))
+}
+
+/// The colours of an image as its pixels are stored.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_rgb(path: &Path) -> Result<Grid<Rgb>, IoError> {
+    Ok(load(path)?.rgb)
+}
+
+/// Decodes the image of `camera` and returns it with the camera at the image's size.
+///
+/// The EXIF orientation is applied if only so the sizes agree. An image of another size with the
+/// same aspect ratio (within 1 %) is taken as it is, the camera resized, and a note says so.
+///
+/// # Errors
+/// As [`load`], and if neither the size nor the aspect ratio is the camera's.
+pub fn load_for_camera(path: &Path, camera: &Camera) -> Result<(LoadedImage, Camera), IoError> {
+    let (mut image, orientation) = decode(path)?;
+    let stored = size_of(&image);
+    let rotated = if turns_sideways(orientation) { Size::new(stored.height, stored.width) } else { stored };
+    let fits = |size: &Size| *size == camera.size;
+    let resembles = |size: &Size| aspect_agrees(*size, camera.size);
+    let candidates = [stored, rotated];
+    let size = candidates.into_iter().find(fits).or_else(|| candidates.into_iter().find(resembles));
+    let mismatch = || IoError::SizeMismatch {
+        path: path.to_owned(),
+        image: stored,
+        of: "camera",
+        expected: camera.size,
+    };
+    let size = size.ok_or_else(mismatch)?;
+    let rotate = size != stored;
+    if rotate {
+        image.apply_orientation(orientation);
+    }
+    let mut loaded = convert(image, rotate);
+    loaded.note = (size != camera.size).then(|| resized_note(path, size, camera.size));
+    Ok((loaded, camera.resized(size)))
+}
+
+fn resized_note(path: &Path, image: Size, camera: Size) -> String {
+    format!("{}: the image is {image}, its camera {camera}; the camera was resized", path.display())
+}
+
+/// The size of an image as stored, from its header.
+///
+/// # Errors
+/// If the file cannot be read or is no image of a known format.
+pub fn stored_size(path: &Path) -> Result<Size, IoError> {
+    let open = || File::open(path).map(BufReader::new).map_err(IoError::system("open", path));
+    let read = IoError::system("read", path);
+    let reader = ImageReader::new(open()?).with_guessed_format().map_err(read)?;
+    if reader.format() == Some(ImageFormat::Jpeg)
+        && let Ok(Some(size)) = jpeg::size(&mut open()?)
+    {
+        return Ok(size);
+    }
+    let (width, height) = reader.into_dimensions().map_err(refused(path))?;
+    Ok(Size::new(width as usize, height as usize))
+}
+
+/// The image enlarged or, without aliasing, reduced to `size` by cubic (Catmull-Rom) interpolation.
+#[must_use]
+pub fn resize(image: &Grid<Rgb>, size: Size) -> Grid<Rgb> {
+    let [width, height, to_width, to_height] =
+        [image.width(), image.height(), size.width, size.height].map(|side| side as u32);
+    let view: ImageBuffer<::image::Rgb<u8>, &[u8]> =
+        ImageBuffer::from_raw(width, height, image.data().as_flattened())
+            .expect("a grid holds one value a pixel");
+    let resized = imageops::resize(&view, to_width, to_height, FilterType::CatmullRom);
+    rgb_grid(size, &resized.into_raw())
+}
+
+/// Saves an 8-bit colour PNG.
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+pub fn save_png_rgb(path: &Path, image: &Grid<Rgb>) -> Result<(), IoError> {
+    save_png(path, image.data().as_flattened(), image.size(), ExtendedColorType::Rgb8)
+}
+
+/// Saves a 16-bit grey PNG.
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+pub fn save_png_gray16(path: &Path, image: &Grid<u16>) -> Result<(), IoError> {
+    let bytes: Vec<u8> = image.data().iter().flat_map(|value| value.to_ne_bytes()).collect();
+    save_png(path, &bytes, image.size(), ExtendedColorType::L16)
+}
+
+fn save_png(path: &Path, bytes: &[u8], size: Size, color: ExtendedColorType) -> Result<(), IoError> {
+    atomic::write(path, |out: &mut dyn Write| {
+        PngEncoder::new(out)
+            .write_image(bytes, size.width as u32, size.height as u32, color)
+            .map_err(io::Error::other)
+    })
+}
+
+/// Decodes a file by its content, whatever its name says.
+pub(crate) fn decode(path: &Path) -> Result<(DynamicImage, Orientation), IoError> {
+    let bytes = read_limited(path)?;
+    let format = ::image::guess_format(&bytes).map_err(refused(path))?;
+    if format == ImageFormat::Jpeg && !jpeg::is_complete(&bytes) {
+        let problem = "expected an end-of-image marker, found the end of the file; the JPEG is truncated";
+        return Err(IoError::malformed(path, Place::Byte(bytes.len() as u64), problem));
+    }
+    decode_bytes(bytes, format).map_err(refused(path))
+}
+
+fn decode_bytes(bytes: Vec<u8>, format: ImageFormat) -> ::image::ImageResult<(DynamicImage, Orientation)> {
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(MAX_BYTES);
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+    reader.limits(limits.clone());
+    let mut decoder = reader.into_decoder()?;
+    limits.reserve(decoder.total_bytes())?;
+    let orientation = decoder.orientation()?;
+    Ok((DynamicImage::from_decoder(decoder)?, orientation))
+}
+
+fn read_limited(path: &Path) -> Result<Vec<u8>, IoError> {
+    let length = fs::metadata(path).map_err(IoError::system("open", path))?.len();
+    if length > MAX_BYTES {
+        let problem = format!("expected an image file of at most {MAX_BYTES} bytes, found {length}");
+        return Err(IoError::unsupported(path, Place::Whole, problem));
+    }
+    fs::read(path).map_err(IoError::system("read", path))
+}
+
+fn refused(path: &Path) -> impl FnOnce(::image::ImageError) -> IoError {
+    move |source| IoError::Image { path: path.to_owned(), source }
+}
+
+fn convert(image: DynamicImage, exif_rotated: bool) -> LoadedImage {
+    let size = size_of(&image);
+    let alpha_mask = image.color().has_alpha().then(|| alpha_mask(&image)).flatten();
+    LoadedImage { rgb: rgb_grid(size, &image.into_rgb8().into_raw()), alpha_mask, exif_rotated, note: None }
+}
+
+fn alpha_mask(image: &DynamicImage) -> Option<Grid<bool>> {
+    let mask: Vec<bool> = image.to_rgba8().pixels().map(|pixel| pixel.0[3] >= OPAQUE).collect();
+    (!mask.iter().all(|&counts| counts)).then(|| Grid::from_vec(size_of(image), mask))
+}
+
+fn rgb_grid(size: Size, bytes: &[u8]) -> Grid<Rgb> {
+    Grid::from_vec(size, bytes.as_chunks::<3>().0.to_vec())
+}
+
+pub(crate) fn size_of(image: &DynamicImage) -> Size {
+    Size::new(image.width() as usize, image.height() as usize)
+}
+
+fn turns_sideways(orientation: Orientation) -> bool {
+    use Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
+    matches!(orientation, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH)
+}
+
+/// Whether two sizes are those of the same image at different resolutions.
+pub(crate) fn aspect_agrees(a: Size, b: Size) -> bool {
+    let ratio = (a.width * b.height) as f64 / (a.height * b.width) as f64;
+    (ratio - 1.0).abs() <= ASPECT_TOLERANCE
+}

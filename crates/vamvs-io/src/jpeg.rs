@@ -1,0 +1,70 @@
+//! The marker structure of JPEG files: their size without decoding, and whether they are complete.
+//!
+//! The decoder paints what a truncated file lacks in grey without a word; a depth map computed from
+//! such an image would be wrong without a word, too.
+
+use std::io::{self, BufRead, Cursor, Read, Seek, SeekFrom};
+
+use vamvs_core::Size;
+
+const START_OF_IMAGE: u8 = 0xD8;
+const END_OF_IMAGE: u8 = 0xD9;
+const START_OF_SCAN: u8 = 0xDA;
+
+/// The image's size as its frame header tells; `None` if there is no such header before the pixels.
+pub(crate) fn size(file: &mut (impl BufRead + Seek)) -> io::Result<Option<Size>> {
+    if next_marker(file)? != START_OF_IMAGE {
+        return Ok(None);
+    }
+    loop {
+        match next_marker(file)? {
+            START_OF_SCAN | END_OF_IMAGE => return Ok(None),
+            // Start of frame: C0 to CF without the tables DHT, JPG and DAC.
+            0xC0..=0xC3 | 0xC5..=0xC7 | 0xC9..=0xCB | 0xCD..=0xCF => {
+                let [_, _, _, h1, h0, w1, w0] = read(file)?;
+                let side = |high, low| usize::from(u16::from_be_bytes([high, low]));
+                return Ok(Some(Size::new(side(w1, w0), side(h1, h0))));
+            }
+            _ => skip_segment(file)?,
+        }
+    }
+}
+
+/// Whether the file's segments and scans go on to an end-of-image marker.
+pub(crate) fn is_complete(bytes: &[u8]) -> bool {
+    let mut file = Cursor::new(bytes);
+    let walk = |file: &mut Cursor<&[u8]>| -> io::Result<()> {
+        next_marker(file)?;
+        while next_marker(file)? != END_OF_IMAGE {
+            skip_segment(file)?;
+        }
+        Ok(())
+    };
+    walk(&mut file).is_ok()
+}
+
+/// The next marker, skipping entropy-coded data with its stuffed zeros and restart markers.
+fn next_marker(file: &mut impl BufRead) -> io::Result<u8> {
+    loop {
+        file.skip_until(0xFF)?;
+        let mut marker = 0xFF;
+        while marker == 0xFF {
+            [marker] = read(file)?;
+        }
+        if !matches!(marker, 0x00 | 0x01 | 0xD0..=0xD7) {
+            return Ok(marker);
+        }
+    }
+}
+
+/// Skips the segment of a marker, whose length comes first and includes itself.
+fn skip_segment(file: &mut (impl Read + Seek)) -> io::Result<()> {
+    let length = u16::from_be_bytes(read(file)?);
+    file.seek(SeekFrom::Current(i64::from(length.saturating_sub(2)))).map(drop)
+}
+
+fn read<const N: usize>(file: &mut impl Read) -> io::Result<[u8; N]> {
+    let mut bytes = [0; N];
+    file.read_exact(&mut bytes)?;
+    Ok(bytes)
+}

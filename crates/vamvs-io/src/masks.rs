@@ -1,0 +1,76 @@
+//! Masks beside photographs: black (0) pixels are ignored, all others count.
+
+use std::path::{Path, PathBuf};
+
+use vamvs_core::{Grid, Size};
+
+use crate::{IoError, image};
+
+/// The mask of the image `name` in `folder`, if there is one: the first of `NAME.EXT.png` (COLMAP's),
+/// `NAME.png` and, for an image in a subfolder, `NAME.png` without the subfolder.
+#[must_use]
+pub fn find(folder: &Path, name: &str) -> Option<PathBuf> {
+    let without_extension = Path::new(name).with_extension("png");
+    let candidates = [
+        folder.join(format!("{name}.png")),
+        folder.join(&without_extension),
+        folder.join(without_extension.file_name()?),
+    ];
+    candidates.into_iter().find(|path| path.is_file())
+}
+
+/// Loads a mask for a photograph of `size`; `true` where pixels count.
+///
+/// A mask of another size with the same aspect ratio (within 1 %) is resized by nearest neighbour.
+///
+/// # Errors
+/// If the file cannot be decoded, or its aspect ratio is another.
+pub fn load(path: &Path, size: Size) -> Result<Grid<bool>, IoError> {
+    let image = image::decode(path)?.0;
+    let found = image::size_of(&image);
+    if !image::aspect_agrees(found, size) {
+        return Err(IoError::SizeMismatch {
+            path: path.to_owned(),
+            image: found,
+            of: "photograph",
+            expected: size,
+        });
+    }
+    let counts = image.into_rgb16().pixels().map(|pixel| pixel.0 != [0; 3]).collect();
+    let mask = Grid::from_vec(found, counts);
+    Ok(if found == size { mask } else { mask.resized_nearest(size) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grey(folder: &Path, name: &str, image: &Grid<u16>) -> PathBuf {
+        let path = folder.join(name);
+        image::save_png_gray16(&path, image).unwrap();
+        path
+    }
+
+    #[test]
+    fn the_most_specific_name_wins() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        let one = Grid::filled(Size::new(1, 1), 1);
+        assert_eq!(find(folder, "left/a b.jpg"), None);
+        std::fs::create_dir(folder.join("left")).unwrap();
+        for name in ["a b.png", "left/a b.png", "left/a b.jpg.png"] {
+            let path = grey(folder, name, &one);
+            assert_eq!(find(folder, "left/a b.jpg"), Some(path));
+        }
+    }
+
+    #[test]
+    fn only_zero_is_ignored_and_halves_are_enlarged() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = grey(folder.path(), "m.png", &Grid::from_vec(Size::new(2, 1), vec![0, 1]));
+        assert_eq!(load(&path, Size::new(2, 1)).unwrap().data(), [false, true]);
+        assert_eq!(load(&path, Size::new(4, 2)).unwrap().row(1), [false, false, true, true]);
+        let error = load(&path, Size::new(2, 2)).unwrap_err().to_string();
+        assert!(error.contains("2×1") && error.contains("2×2"), "{error}");
+    }
+}

@@ -1,0 +1,123 @@
+//! A scene of camera files, images of the same stems, and perhaps pairs.
+
+use std::collections::{BTreeMap, HashSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use vamvs_core::{Camera, Lens, Scene, Size, View};
+
+use super::cam::{Cam, Options, read_cam};
+use super::pair::read_pairs;
+use crate::{IoError, Loaded, Place, folder, image};
+
+/// How the names of camera files end.
+const SUFFIX: &str = "_cam.txt";
+
+/// Reads the scene of all `STEM_cam.txt` in `cams`, each with the image `STEM.*` in `images`.
+///
+/// A view's number is the last run of digits in its stem (`00000012`, `frame-12`), or its place in
+/// the order of names if those numbers are missing or not unique. Without `pairs`, a `pair.txt`
+/// in `cams` or beside it is read if there is one; else [`Scene::pairs`] is `None`.
+///
+/// # Errors
+/// If a file cannot be read, an image is missing or not unique, or there are no cameras at all.
+pub fn read_scene(
+    cams: &Path,
+    images: &Path,
+    pairs: Option<&Path>,
+    options: &Options,
+) -> Result<Loaded, IoError> {
+    let cam_files = cam_files(cams)?;
+    let found = folder::images(images)?;
+    let names = match_images(images, &cam_files, found.iter().map(String::as_str))?;
+    let ids = view_ids(cam_files.keys());
+    let mut warnings = Vec::new();
+    let mut views = Vec::with_capacity(names.len());
+    for ((path, name), &id) in cam_files.values().zip(&names).zip(&ids) {
+        let cam = read_cam(path, options)?;
+        let size = image::stored_size(&images.join(name))?;
+        warnings.extend(cam.warning.as_ref().map(|warning| format!("{}: {warning}", path.display())));
+        warnings.extend(off_centre(path, &cam, size));
+        views.push(view(id, name, &cam, size));
+    }
+    warnings.extend(folder::warn_of_unused(&found, names.iter().copied()));
+    let pair_file = pairs.map(Path::to_owned).or_else(|| pair_file_near(cams));
+    let pairs = pair_file.map(|path| read_pairs(&path, &ids)).transpose()?;
+    Ok(Loaded { scene: Scene { views, points: Vec::new(), pairs }, warnings })
+}
+
+fn view(id: u32, name: &str, cam: &Cam, size: Size) -> View {
+    View {
+        id,
+        name: name.to_owned(),
+        camera: Camera { size, intrinsics: cam.intrinsics, lens: Lens::None },
+        cam_from_world: cam.cam_from_world,
+        depth_range: cam.depth_range,
+    }
+}
+
+/// The camera files of a folder by stem.
+fn cam_files(cams: &Path) -> Result<BTreeMap<String, PathBuf>, IoError> {
+    let mut files = BTreeMap::new();
+    for entry in fs::read_dir(cams).map_err(IoError::system("list", cams))? {
+        let path = entry.map_err(IoError::system("list", cams))?.path();
+        let stem = path.file_name().and_then(|name| name.to_str()?.strip_suffix(SUFFIX));
+        if let Some(stem) = stem.map(str::to_owned) {
+            files.insert(stem, path);
+        }
+    }
+    if files.is_empty() {
+        let problem = format!("expected camera files named STEM{SUFFIX}, found none");
+        return Err(IoError::malformed(cams, Place::Whole, problem));
+    }
+    Ok(files)
+}
+
+/// The image of each camera: the one of the same stem.
+fn match_images<'a>(
+    folder: &Path,
+    cam_files: &BTreeMap<String, PathBuf>,
+    found: impl Iterator<Item = &'a str>,
+) -> Result<Vec<&'a str>, IoError> {
+    let mut by_stem: BTreeMap<&str, &str> = BTreeMap::new();
+    for name in found {
+        let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+        if let Some(other) = by_stem.insert(stem, name)
+            && cam_files.contains_key(stem)
+        {
+            let problem = format!("expected one image for the camera {stem:?}, found {other:?} and {name:?}");
+            return Err(IoError::malformed(folder, Place::Whole, problem));
+        }
+    }
+    let stems = || cam_files.keys().map(String::as_str);
+    let missing: Vec<&str> = stems().filter(|stem| !by_stem.contains_key(stem)).collect();
+    folder::missing_images(folder, &missing)?;
+    Ok(stems().filter_map(|stem| by_stem.get(stem).copied()).collect())
+}
+
+/// The number of each stem: its last run of digits, or the order if those are no unique numbers.
+fn view_ids<'a>(stems: impl Iterator<Item = &'a String> + Clone) -> Vec<u32> {
+    let numbers: Option<Vec<u32>> = stems.clone().map(|stem| last_number(stem)).collect();
+    let unique = |ids: &Vec<u32>| ids.iter().collect::<HashSet<_>>().len() == ids.len();
+    numbers.filter(unique).unwrap_or_else(|| (0..).zip(stems).map(|(order, _)| order).collect())
+}
+
+fn last_number(stem: &str) -> Option<u32> {
+    let is_digit = |c: char| c.is_ascii_digit();
+    stem.split(|c| !is_digit(c)).rfind(|run| !run.is_empty())?.parse().ok()
+}
+
+fn pair_file_near(cams: &Path) -> Option<PathBuf> {
+    let beside = cams.join("..").join("pair.txt");
+    [cams.join("pair.txt"), beside].into_iter().find(|path| path.is_file())
+}
+
+/// A warning if the principal point is not in the image: the camera is of another image size.
+fn off_centre(path: &Path, cam: &Cam, size: Size) -> Option<String> {
+    let (cx, cy) = (cam.intrinsics.cx, cam.intrinsics.cy);
+    let inside = (0.0..size.width as f64).contains(&cx) && (0.0..size.height as f64).contains(&cy);
+    (!inside).then(|| {
+        let path = path.display();
+        format!("{path}: the principal point ({cx}, {cy}) is outside of the {size} image; is the camera that of another size?")
+    })
+}

@@ -1,0 +1,178 @@
+//! Portable float maps: `Pf` (one channel) or `PF` (three), `W H`, a scale whose sign tells the byte
+//! order (negative: little-endian), then float32 rows from bottom to top.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+
+use vamvs_core::{Grid, Size, depth_map};
+
+use crate::{IoError, Place, atomic};
+
+/// Longest word of a header, in bytes.
+const LONGEST_WORD: usize = 64;
+
+/// Reads a `Pf` map as it stands.
+///
+/// # Errors
+/// If the file cannot be read, has three channels, or its length is not what its header announces.
+pub fn read(path: &Path) -> Result<Grid<f32>, IoError> {
+    let grid = read_channels::<1>(path)?;
+    Ok(Grid::from_vec(grid.size(), grid.into_vec().into_flattened()))
+}
+
+/// Reads a three-channel `PF` map as it stands.
+///
+/// # Errors
+/// If the file cannot be read, has one channel, or its length is not what its header announces.
+pub fn read_rgb(path: &Path) -> Result<Grid<[f32; 3]>, IoError> {
+    read_channels::<3>(path)
+}
+
+/// Reads a depth map: what is not finite and positive becomes 0.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_depth(path: &Path) -> Result<Grid<f32>, IoError> {
+    let mut grid = read(path)?;
+    for depth in grid.data_mut() {
+        *depth = if depth_map::is_valid(*depth) { *depth } else { 0.0 };
+    }
+    Ok(grid)
+}
+
+/// Writes a `Pf` map, little-endian.
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+pub fn write(path: &Path, grid: &Grid<f32>) -> Result<(), IoError> {
+    atomic::write(path, |out| {
+        write!(out, "Pf\n{} {}\n-1.0\n", grid.width(), grid.height())?;
+        let mut bytes = Vec::with_capacity(4 * grid.width());
+        for y in (0..grid.height()).rev() {
+            bytes.clear();
+            bytes.extend(grid.row(y).iter().flat_map(|value| value.to_le_bytes()));
+            out.write_all(&bytes)?;
+        }
+        Ok(())
+    })
+}
+
+fn read_channels<const C: usize>(path: &Path) -> Result<Grid<[f32; C]>, IoError> {
+    let mut header = Header::open(path)?;
+    let (size, little_endian) = header.read(C)?;
+    let mut grid = Grid::filled(size, [0.0; C]);
+    read_rows(&mut header.file, &mut grid, little_endian).map_err(IoError::system("read", path))?;
+    Ok(grid)
+}
+
+fn read_rows<const C: usize>(
+    file: &mut impl Read,
+    grid: &mut Grid<[f32; C]>,
+    little_endian: bool,
+) -> io::Result<()> {
+    let value = if little_endian { f32::from_le_bytes } else { f32::from_be_bytes };
+    let mut bytes = vec![0; 4 * C * grid.width()];
+    for y in (0..grid.height()).rev() {
+        file.read_exact(&mut bytes)?;
+        let values = grid.row_mut(y).as_flattened_mut();
+        for (to, &from) in values.iter_mut().zip(bytes.as_chunks::<4>().0) {
+            *to = value(from);
+        }
+    }
+    Ok(())
+}
+
+/// The header of a map: words between blanks and comments, and one blank before the pixels.
+struct Header<'a> {
+    path: &'a Path,
+    file: BufReader<File>,
+    /// Bytes of the file that were not read yet.
+    remaining: u64,
+    length: u64,
+}
+
+impl<'a> Header<'a> {
+    fn open(path: &'a Path) -> Result<Self, IoError> {
+        let file = File::open(path).map_err(IoError::system("open", path))?;
+        let length = file.metadata().map_err(IoError::system("inspect", path))?.len();
+        Ok(Self { path, file: BufReader::with_capacity(1 << 16, file), remaining: length, length })
+    }
+
+    /// Size and byte order (little-endian or not) of a map of `channels`, of which the file holds
+    /// exactly all pixels.
+    fn read(&mut self, channels: usize) -> Result<(Size, bool), IoError> {
+        let expected = if channels == 1 { "Pf" } else { "PF" };
+        let kind = self.word("kind")?;
+        if kind != expected {
+            return Err(self.malformed(format!("expected {expected:?} ({channels} channels), found {kind:?}")));
+        }
+        let size = Size::new(self.side("width")?, self.side("height")?);
+        let scale = self.scale()?;
+        self.expect_pixels(size, channels)?;
+        Ok((size, scale < 0.0))
+    }
+
+    fn side(&mut self, what: &str) -> Result<usize, IoError> {
+        let word = self.word(what)?;
+        word.parse().ok().filter(|&side| side > 0).ok_or_else(|| {
+            self.malformed(format!("{what}: expected a positive whole number, found {word:?}"))
+        })
+    }
+
+    fn scale(&mut self) -> Result<f64, IoError> {
+        let word = self.word("scale")?;
+        let valid = |scale: &f64| scale.is_finite() && *scale != 0.0;
+        word.parse().ok().filter(valid).ok_or_else(|| {
+            self.malformed(format!("scale: expected a number other than 0, found {word:?}"))
+        })
+    }
+
+    /// Checks that what remains is the pixels, after the line feed of a header that ends with
+    /// carriage return and line feed.
+    fn expect_pixels(&mut self, size: Size, channels: usize) -> Result<(), IoError> {
+        let bytes = |size: Size| size.width.checked_mul(size.height)?.checked_mul(4 * channels);
+        let expected = bytes(size).map(|bytes| bytes as u64);
+        let surplus = expected.and_then(|expected| self.remaining.checked_sub(expected));
+        if surplus == Some(0) || surplus == Some(1) && self.byte()? == Some(b'\n') {
+            return Ok(());
+        }
+        let expected = expected.map_or("more than any file holds".to_owned(), |bytes| bytes.to_string());
+        let found = self.remaining;
+        let (width, height) = (size.width, size.height);
+        Err(self.malformed(format!("pixels: {width}×{height} take {expected} bytes, found {found}")))
+    }
+
+    /// The next word, without the one blank that ends it.
+    fn word(&mut self, what: &str) -> Result<String, IoError> {
+        let mut word = String::new();
+        while let Some(byte) = self.byte()? {
+            match byte {
+                b'#' if word.is_empty() => self.skip_comment()?,
+                _ if !byte.is_ascii_whitespace() => word.push(char::from(byte)),
+                _ if !word.is_empty() => return Ok(word),
+                _ => {}
+            }
+            if word.len() > LONGEST_WORD {
+                return Err(self.malformed(format!("{what}: expected a word of a PFM header, found other data")));
+            }
+        }
+        Err(self.malformed(format!("{what}: expected a word of the header, found the end of the file")))
+    }
+
+    fn skip_comment(&mut self) -> Result<(), IoError> {
+        while self.byte()?.is_some_and(|byte| byte != b'\n') {}
+        Ok(())
+    }
+
+    fn byte(&mut self) -> Result<Option<u8>, IoError> {
+        let next = self.file.by_ref().bytes().next().transpose();
+        let byte = next.map_err(IoError::system("read", self.path))?;
+        self.remaining = self.remaining.saturating_sub(u64::from(byte.is_some()));
+        Ok(byte)
+    }
+
+    fn malformed(&self, problem: String) -> IoError {
+        IoError::malformed(self.path, Place::Byte(self.length - self.remaining), problem)
+    }
+}

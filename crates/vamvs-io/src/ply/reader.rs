@@ -1,0 +1,110 @@
+//! Reading of clouds: ascii and binary, the vertices' properties in any order.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Seek};
+use std::path::Path;
+
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{ElementDef, Encoding, Header, PropertyAccess, PropertyType, ScalarType};
+use vamvs_core::{Cloud, CloudPoint};
+
+use super::vertex::{self, Vertex};
+use crate::{IoError, Place};
+
+/// Reads the vertices of a PLY file.
+///
+/// Needed are `x y z`; `nx ny nz` are 0 if missing, `red green blue` 255 (those of a floating-point
+/// type are taken as 0 to 1), `confidence` 1 and `views` 0. Other properties and elements are left out,
+/// and so are vertices whose position is not finite, as organised scans have them.
+///
+/// # Errors
+/// If the file cannot be read, is no PLY file, has no vertices with positions, or is shorter than its
+/// header announces.
+pub fn read(path: &Path) -> Result<Cloud, IoError> {
+    let (mut reader, length) = open(path)?;
+    let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(malformed(path))?;
+    let begin = reader.get_mut().stream_position().map_err(IoError::system("read", path))?;
+    check_lengths(&header, length.saturating_sub(begin))
+        .and_then(|()| check_positions(&header))
+        .map_err(|problem| IoError::malformed(path, Place::Byte(begin), problem))?;
+    read_vertices(&mut reader, &header).map_err(malformed(path))
+}
+
+/// A reader of a file that begins as a PLY file, and the file's length.
+fn open(path: &Path) -> Result<(Reader<BufReader<File>>, u64), IoError> {
+    let file = File::open(path).map_err(IoError::system("open", path))?;
+    let length = file.metadata().map_err(IoError::system("inspect", path))?.len();
+    let mut buffered = BufReader::with_capacity(1 << 18, file);
+    if !buffered.fill_buf().map_err(IoError::system("read", path))?.starts_with(b"ply") {
+        return Err(IoError::malformed(path, Place::Byte(0), "expected a PLY file to begin with \"ply\""));
+    }
+    Ok((Reader::new(buffered), length))
+}
+
+/// Checks that the elements fit into the `remaining` bytes, each with at least one byte.
+fn check_lengths(header: &Header, remaining: u64) -> Result<(), String> {
+    let mut left = remaining;
+    for element in header.elements.values() {
+        let least = least_bytes(element, header.encoding).max(1);
+        let needed = (element.count as u64).checked_mul(least);
+        left = needed.and_then(|needed| left.checked_sub(needed)).ok_or_else(|| {
+            let (name, count) = (&element.name, element.count);
+            format!("{count} elements {name:?} of at least {least} bytes are announced, {left} bytes are left")
+        })?;
+    }
+    Ok(())
+}
+
+/// The fewest bytes that an element takes.
+fn least_bytes(element: &ElementDef, encoding: Encoding) -> u64 {
+    let bytes = |property: &PropertyType| match (encoding, property) {
+        (Encoding::Ascii, _) => 1,
+        (_, PropertyType::Scalar(kind) | PropertyType::List(kind, _)) => scalar_bytes(kind),
+    };
+    element.properties.values().map(|property| bytes(&property.data_type)).sum()
+}
+
+fn scalar_bytes(kind: &ScalarType) -> u64 {
+    match kind {
+        ScalarType::Char | ScalarType::UChar => 1,
+        ScalarType::Short | ScalarType::UShort => 2,
+        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
+        ScalarType::Double => 8,
+    }
+}
+
+fn check_positions(header: &Header) -> Result<(), String> {
+    let vertices = header.elements.get(vertex::NAME).ok_or("expected an element \"vertex\", found none")?;
+    match ["x", "y", "z"].into_iter().find(|&axis| !vertices.properties.contains_key(axis)) {
+        None => Ok(()),
+        Some(axis) => Err(format!("expected the vertices to have x, y and z, found no {axis}")),
+    }
+}
+
+fn read_vertices(reader: &mut Reader<BufReader<File>>, header: &Header) -> Result<Cloud, ParseError> {
+    for element in header.elements.values() {
+        if element.name == vertex::NAME {
+            let vertices = Parser::<Vertex>::new().read_payload_for_element(reader, element, header)?;
+            let finite = |point: &CloudPoint| point.x_in_world.iter().all(|value| value.is_finite());
+            return Ok(vertices.into_iter().map(|vertex| vertex.0).filter(finite).collect());
+        }
+        Parser::<Skipped>::new().read_payload_for_element(reader, element, header)?;
+    }
+    Ok(Cloud::new())
+}
+
+fn malformed(path: &Path) -> impl FnOnce(ParseError) -> IoError {
+    move |error| {
+        let place = error.line().map_or(Place::Whole, Place::Line);
+        IoError::malformed(path, place, error)
+    }
+}
+
+/// An element of which nothing is kept.
+struct Skipped;
+
+impl PropertyAccess for Skipped {
+    fn new() -> Self {
+        Self
+    }
+}

@@ -1,0 +1,91 @@
+//! A cloud's point as an element of a PLY file: its properties by name.
+
+use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use vamvs_core::CloudPoint;
+
+/// The name of the element that holds the points.
+pub(super) const NAME: &str = "vertex";
+
+/// A point.
+pub(super) struct Vertex(pub(super) CloudPoint);
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self(CloudPoint {
+            x_in_world: [0.0; 3],
+            normal: [0.0; 3],
+            colour: [255; 3],
+            confidence: 1.0,
+            views: 0,
+        })
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        let Some(value) = scalar(&property) else { return PropertyAccessResult::Ignored };
+        let Self(point) = self;
+        match name {
+            "x" => point.x_in_world[0] = value,
+            "y" => point.x_in_world[1] = value,
+            "z" => point.x_in_world[2] = value,
+            "nx" => point.normal[0] = value as f32,
+            "ny" => point.normal[1] = value as f32,
+            "nz" => point.normal[2] = value as f32,
+            "red" => point.colour[0] = colour(&property, value),
+            "green" => point.colour[1] = colour(&property, value),
+            "blue" => point.colour[2] = colour(&property, value),
+            "confidence" => point.confidence = value as f32,
+            "views" => point.views = value as u8,
+            _ => return PropertyAccessResult::Ignored,
+        }
+        PropertyAccessResult::Set
+    }
+
+    fn get_double(&self, name: &str) -> Option<f64> {
+        match name {
+            "x" => Some(self.0.x_in_world[0]),
+            "y" => Some(self.0.x_in_world[1]),
+            "z" => Some(self.0.x_in_world[2]),
+            _ => None,
+        }
+    }
+
+    fn get_float(&self, name: &str) -> Option<f32> {
+        match name {
+            "nx" => Some(self.0.normal[0]),
+            "ny" => Some(self.0.normal[1]),
+            "nz" => Some(self.0.normal[2]),
+            "confidence" => Some(self.0.confidence),
+            _ => self.get_double(name).map(|value| value as f32),
+        }
+    }
+
+    fn get_uchar(&self, name: &str) -> Option<u8> {
+        match name {
+            "red" => Some(self.0.colour[0]),
+            "green" => Some(self.0.colour[1]),
+            "blue" => Some(self.0.colour[2]),
+            "views" => Some(self.0.views),
+            _ => None,
+        }
+    }
+}
+
+fn scalar(property: &Property) -> Option<f64> {
+    match *property {
+        Property::Char(value) => Some(f64::from(value)),
+        Property::UChar(value) => Some(f64::from(value)),
+        Property::Short(value) => Some(f64::from(value)),
+        Property::UShort(value) => Some(f64::from(value)),
+        Property::Int(value) => Some(f64::from(value)),
+        Property::UInt(value) => Some(f64::from(value)),
+        Property::Float(value) => Some(f64::from(value)),
+        Property::Double(value) => Some(value),
+        _ => None,
+    }
+}
+
+/// A colour's channel: integers as they stand, floating-point numbers as 0 to 1.
+fn colour(property: &Property, value: f64) -> u8 {
+    let unit = matches!(property, Property::Float(_) | Property::Double(_));
+    if unit { (value * 255.0).round() as u8 } else { value as u8 }
+}

@@ -1,0 +1,197 @@
+//! Reading of text files by lines or by words, with the line number for error messages.
+
+use std::fmt::Display;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use crate::{IoError, Place};
+
+/// A buffered text file.
+pub(crate) struct TextReader {
+    path: PathBuf,
+    inner: BufReader<File>,
+    line: String,
+    number: usize,
+}
+
+impl TextReader {
+    /// Opens `path`.
+    pub(crate) fn open(path: &Path) -> Result<Self, IoError> {
+        let file = File::open(path).map_err(IoError::system("open", path))?;
+        Ok(Self { path: path.to_owned(), inner: BufReader::new(file), line: String::new(), number: 0 })
+    }
+
+    /// The next line without its end; `None` at the end of the file.
+    pub(crate) fn next_line(&mut self) -> Result<Option<Line<'_>>, IoError> {
+        self.line.clear();
+        self.number += 1;
+        let read = self.inner.read_line(&mut self.line).map_err(IoError::system("read", &self.path))?;
+        let text = self.line.trim_end_matches(['\n', '\r']);
+        Ok((read > 0).then_some(Line { path: &self.path, number: self.number, text }))
+    }
+
+    /// The next line that is neither empty nor a comment.
+    pub(crate) fn next_entry(&mut self) -> Result<Option<Line<'_>>, IoError> {
+        loop {
+            let Some(line) = self.next_line()? else { return Ok(None) };
+            if !is_comment(line.text) {
+                break;
+            }
+        }
+        let text = self.line.trim_end_matches(['\n', '\r']);
+        Ok(Some(Line { path: &self.path, number: self.number, text }))
+    }
+}
+
+fn is_comment(text: &str) -> bool {
+    let text = text.trim_start();
+    text.is_empty() || text.starts_with('#')
+}
+
+/// A line of a text file.
+#[derive(Clone, Copy)]
+pub(crate) struct Line<'a> {
+    path: &'a Path,
+    number: usize,
+    /// The line without its end.
+    pub(crate) text: &'a str,
+}
+
+impl<'a> Line<'a> {
+    /// The line's words.
+    pub(crate) fn words(self) -> Words<'a> {
+        Words { line: self, rest: self.text }
+    }
+
+    /// An error about this line.
+    pub(crate) fn malformed(&self, problem: impl Display) -> IoError {
+        IoError::malformed(self.path, Place::Line(self.number), problem)
+    }
+
+    /// An error about a line whose valid content is not supported.
+    pub(crate) fn unsupported(&self, problem: impl Display) -> IoError {
+        IoError::unsupported(self.path, Place::Line(self.number), problem)
+    }
+}
+
+/// The words of a line that are still to be read.
+pub(crate) struct Words<'a> {
+    /// The line.
+    pub(crate) line: Line<'a>,
+    rest: &'a str,
+}
+
+impl<'a> Words<'a> {
+    /// The next word, which holds `what`.
+    pub(crate) fn word(&mut self, what: &str) -> Result<&'a str, IoError> {
+        self.next().ok_or_else(|| self.line.malformed(format!("{what}: missing, the line ends here")))
+    }
+
+    /// The next word as a number, which holds `what`.
+    pub(crate) fn number<T: FromStr>(&mut self, what: &str) -> Result<T, IoError> {
+        parse(self.word(what)?, what).map_err(|problem| self.line.malformed(problem))
+    }
+
+    /// The next words as numbers, which hold `what`.
+    pub(crate) fn numbers<const N: usize>(&mut self, what: &str) -> Result<[f64; N], IoError> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = self.number(what)?;
+        }
+        Ok(values)
+    }
+
+    /// Everything that is left of the line, without surrounding blanks.
+    pub(crate) fn rest(&self) -> &'a str {
+        self.rest.trim()
+    }
+}
+
+impl<'a> Iterator for Words<'a> {
+    type Item = &'a str;
+
+    fn next(&mut self) -> Option<&'a str> {
+        let text = self.rest.trim_start();
+        let end = text.find(char::is_whitespace).unwrap_or(text.len());
+        self.rest = &text[end..];
+        (end > 0).then(|| &text[..end])
+    }
+}
+
+/// A text file read word by word, wherever its lines end.
+pub(crate) struct WordReader {
+    reader: TextReader,
+    consumed: usize,
+}
+
+impl WordReader {
+    /// Opens `path`.
+    pub(crate) fn open(path: &Path) -> Result<Self, IoError> {
+        Ok(Self { reader: TextReader::open(path)?, consumed: 0 })
+    }
+
+    /// The next word; `None` at the end of the file.
+    pub(crate) fn next_word(&mut self) -> Result<Option<&str>, IoError> {
+        loop {
+            let rest = &self.reader.line[self.consumed..];
+            let start = self.reader.line.len() - rest.trim_start().len();
+            if start < self.reader.line.len() {
+                let text = &self.reader.line[start..];
+                self.consumed = start + text.find(char::is_whitespace).unwrap_or(text.len());
+                return Ok(Some(&self.reader.line[start..self.consumed]));
+            }
+            self.consumed = 0;
+            if self.reader.next_line()?.is_none() {
+                return Ok(None);
+            }
+        }
+    }
+
+    /// The next word as a number, which holds `what`; `None` at the end of the file.
+    pub(crate) fn optional_number<T: FromStr>(&mut self, what: &str) -> Result<Option<T>, IoError> {
+        let parsed = self.next_word()?.map(|word| parse(word, what)).transpose();
+        parsed.map_err(|problem| self.malformed(problem))
+    }
+
+    /// The next word as a number, which holds `what`.
+    pub(crate) fn number<T: FromStr>(&mut self, what: &str) -> Result<T, IoError> {
+        let number = self.optional_number(what)?;
+        number.ok_or_else(|| self.malformed(format!("{what}: missing, the file ends here")))
+    }
+
+    /// The next words as numbers, which hold `what`.
+    pub(crate) fn numbers<const N: usize>(&mut self, what: &str) -> Result<[f64; N], IoError> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = self.number(what)?;
+        }
+        Ok(values)
+    }
+
+    /// The next word must be `expected`.
+    pub(crate) fn keyword(&mut self, expected: &str) -> Result<(), IoError> {
+        let found = self.next_word()?.map(str::to_owned);
+        if found.as_deref() == Some(expected) {
+            return Ok(());
+        }
+        let found = found.unwrap_or_else(|| "the end of the file".to_owned());
+        Err(self.malformed(format!("expected {expected:?}, found {found:?}")))
+    }
+
+    /// An error about the line of the word read last.
+    pub(crate) fn malformed(&self, problem: impl Display) -> IoError {
+        IoError::malformed(&self.reader.path, Place::Line(self.reader.number), problem)
+    }
+}
+
+fn parse<T: FromStr>(word: &str, what: &str) -> Result<T, String> {
+    let kind = if T::from_str("0.5").is_ok() { "a number" } else { "a whole number" };
+    word.parse().map_err(|_| format!("{what}: expected {kind}, found {:?}", shortened(word)))
+}
+
+/// The first characters of a word, for messages.
+fn shortened(word: &str) -> String {
+    word.chars().take(40).collect()
+}

@@ -1,0 +1,46 @@
+//! Time of one depth map, stage by stage: `profile MODULE WIDTH HEIGHT VIEWS PLANES`.
+
+use nalgebra::Vector3;
+use vamvs_core::{DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Pose, Size, Spacing};
+use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile, Stage};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |index: usize| arguments[index].parse::<usize>();
+    let (size, views, count) = (Size::new(number(1)?, number(2)?), number(3)?, number(4)?);
+    let network = Network::load(arguments[0].as_ref(), Device::Cpu)?;
+    let options = EstimatorOptions::of(&network);
+    let estimator = Estimator::new(network, options)?;
+    let photos: Vec<_> = (0..views).map(|index| photo(size, index)).collect();
+    let planes = Planes { range: DepthRange::try_new(4.0, 9.0)?, count, spacing: Spacing::Depth };
+    let mut profile = Profile::default();
+    let encoded = profile.time(Stage::Encode, || {
+        vamvs_net::tch::no_grad(|| photos.iter().map(|photo| estimator.network().encode(photo)).collect::<Result<Vec<_>, _>>())
+    })?;
+    let sources: Vec<_> = encoded[1..].iter().collect();
+    estimator.estimate(&encoded[0], &sources, &planes, &mut profile)?;
+    for stage in Stage::ALL {
+        println!("{stage:?} {:.3} s", profile.spent(stage).as_secs_f64());
+    }
+    println!("total {:.3} s, peak {} MiB", profile.total().as_secs_f64(), peak_mib());
+    Ok(())
+}
+
+fn photo(size: Size, index: usize) -> Photo {
+    let eye = Vector3::new(0.3 * index as f64, 0.0, 0.0);
+    Photo {
+        camera: Pinhole {
+            size,
+            intrinsics: Intrinsics { fx: size.width as f64, fy: size.width as f64, cx: size.width as f64 / 2.0, cy: size.height as f64 / 2.0 },
+        },
+        cam_from_world: Pose::look_at(&eye, &Vector3::new(0.0, 0.0, 6.0), &Vector3::new(0.0, -1.0, 0.0)),
+        image: Grid::from_fn(size, |x, y| [((x * 7 + index * 13) ^ (y * 3)) as u8, (x * y) as u8, y as u8]),
+        mask: None,
+    }
+}
+
+fn peak_mib() -> usize {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap_or("0");
+    line.split_whitespace().next().and_then(|kib| kib.parse::<usize>().ok()).unwrap_or(0) / 1024
+}

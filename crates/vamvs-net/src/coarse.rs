@@ -1,0 +1,71 @@
+//! From costs to the coarse depth and its confidence (section 3.2).
+
+use tch::{Kind, TchError, Tensor};
+
+/// A depth map in plane coordinates, with confidence.
+#[derive(Debug)]
+pub struct PlaneMap {
+    /// (h, w), plane coordinates.
+    pub u: Tensor,
+    /// (h, w) in [0, 1].
+    pub confidence: Tensor,
+}
+
+/// The expectation over the planes of softmax(−costs), and the probability of the two planes around it.
+///
+/// Costs (1, D, h, w).
+///
+/// # Errors
+/// If memory runs out.
+pub fn expectation(costs: &Tensor) -> Result<PlaneMap, TchError> {
+    let probability = costs.f_select(0, 0)?.f_neg()?.f_softmax(0, Kind::Float)?; // (D, h, w)
+    around(&probability)
+}
+
+/// Expectation over dimension 0 in steps of that dimension, and the probability of the two entries
+/// around it: (D, …) → (…).
+///
+/// # Errors
+/// If memory runs out.
+pub fn around(probability: &Tensor) -> Result<PlaneMap, TchError> {
+    let count = probability.size()[0];
+    let mut shape = vec![1; probability.dim()];
+    shape[0] = -1;
+    let index = Tensor::f_arange(count, (Kind::Float, probability.device()))?.f_view(shape.as_slice())?;
+    let u = probability.f_mul(&index)?.f_sum_dim_intlist([0].as_slice(), false, Kind::Float)?;
+    let below = u.f_detach()?.f_floor()?.f_clamp(0.0, (count - 2).max(0) as f64)?.f_to_kind(Kind::Int64)?;
+    let below = below.f_unsqueeze(0)?;
+    let above = below.f_add_scalar(1)?.f_clamp_max(count - 1)?;
+    let pair = probability.f_gather(0, &below, false)?.f_add(&probability.f_gather(0, &above, false)?)?;
+    Ok(PlaneMap { u, confidence: pair.f_squeeze_dim(0)? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sharp_cost_gives_its_plane_with_full_confidence() {
+        let costs = Tensor::full([1, 5, 1, 1], 50.0, (Kind::Float, tch::Device::Cpu));
+        let _ = costs.narrow(1, 3, 1).fill_(0.0);
+        let map = expectation(&costs).unwrap();
+        assert!((map.u.double_value(&[0, 0]) - 3.0).abs() < 1e-5);
+        assert!((map.confidence.double_value(&[0, 0]) - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn two_equal_planes_give_the_middle_and_two_far_ones_no_confidence() {
+        let costs = |low: [i64; 2]| {
+            let costs = Tensor::full([1, 7, 1, 1], 50.0, (Kind::Float, tch::Device::Cpu));
+            for plane in low {
+                let _ = costs.narrow(1, plane, 1).fill_(0.0);
+            }
+            expectation(&costs).unwrap()
+        };
+        let (near, far) = (costs([2, 3]), costs([0, 6]));
+        assert!((near.u.double_value(&[0, 0]) - 2.5).abs() < 1e-5);
+        assert!((near.confidence.double_value(&[0, 0]) - 1.0).abs() < 1e-5);
+        assert!((far.u.double_value(&[0, 0]) - 3.0).abs() < 1e-5);
+        assert!(far.confidence.double_value(&[0, 0]) < 1e-5);
+    }
+}

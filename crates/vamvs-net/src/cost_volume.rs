@@ -1,0 +1,130 @@
+//! The plane sweep: source features warped onto the reference's planes and aggregated (section 3.1).
+//!
+//! Slabs of planes are made one after the other, and within a slab view after view, so that besides the
+//! volume itself only one slab of one view exists at a time.
+
+use tch::{Kind, TchError, Tensor};
+use vamvs_core::Planes;
+
+use crate::encode::COARSE_SCALE;
+use crate::project::{PixelLattice, Projection, depth_of, sample};
+use crate::{EncodedView, NetError, Network};
+
+/// The sweep of one reference view.
+struct Sweep<'a> {
+    network: &'a Network,
+    reference: &'a EncodedView,
+    sources: Vec<(&'a EncodedView, Projection)>,
+    planes: &'a Planes,
+    slab: usize,
+}
+
+/// The aggregated volume, and for vis-var the visibility masks.
+#[derive(Debug)]
+pub struct CostVolume {
+    /// (1, C', D, h, w)
+    pub volume: Tensor,
+    /// For each source view (1, 1, h, w) in [0, 1]; empty unless the aggregation weighs views.
+    pub visibility: Vec<Tensor>,
+}
+
+/// Sweeps `planes` through the features of the reference and its sources. A slab of warped features
+/// takes at most `slab_bytes`, or one plane if that is more.
+///
+/// # Errors
+/// If the module breaks its contract or memory runs out.
+pub fn sweep(
+    network: &Network,
+    reference: &EncodedView,
+    sources: &[&EncodedView],
+    planes: &Planes,
+    slab_bytes: usize,
+) -> Result<CostVolume, NetError> {
+    let lattice = PixelLattice::new(COARSE_SCALE, (0, 0), 1, reference.size_at(COARSE_SCALE));
+    let sources = sources
+        .iter()
+        .map(|source| Ok((*source, Projection::new(&lattice, reference, source, planes.range.near)?)))
+        .collect::<Result<_, TchError>>()?;
+    let plane_bytes = reference.coarse.numel() * size_of::<f32>();
+    let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
+    let sweep = Sweep { network, reference, sources, planes, slab };
+    let visibility = sweep.visibility()?;
+    Ok(CostVolume { volume: sweep.volume(&visibility)?, visibility })
+}
+
+impl Sweep<'_> {
+    /// Slab by slab into one volume (1, C', D, h, w).
+    fn volume(&self, visibility: &[Tensor]) -> Result<Tensor, NetError> {
+        let mut volume = None;
+        for first in (0..self.planes.count).step_by(self.slab) {
+            let slab = self.aggregate(first, visibility)?; // (D', C', h, w)
+            let (d, c, h, w) = slab.size4()?;
+            let volume = match &volume {
+                Some(volume) => volume,
+                None => volume.insert(Tensor::f_empty(
+                    [1, c, self.planes.count as i64, h, w],
+                    (slab.kind(), slab.device()),
+                )?),
+            };
+            volume.f_narrow(2, first as i64, d)?.f_copy_(&slab.f_permute([1, 0, 2, 3])?.f_unsqueeze(0)?)?;
+        }
+        volume.ok_or_else(|| NetError::Request("a sweep needs at least one plane".to_owned()))
+    }
+
+    /// One slab, reduced over the views: (D', C', h, w).
+    fn aggregate(&self, first: usize, visibility: &[Tensor]) -> Result<Tensor, NetError> {
+        let aggregation = self.network.manifest().aggregation;
+        let mut reducer = aggregation.reducer();
+        let (depth, coordinate) = self.slab_depths(first)?;
+        if !aggregation.relates_pairs() {
+            let planes = depth.size()[0];
+            reducer.add(&self.reference.coarse.f_expand([planes, -1, -1, -1], false)?, None)?;
+        }
+        for (index, (source, projection)) in self.sources.iter().enumerate() {
+            let warped = sample(&source.coarse, &projection.grid(&depth)?)?;
+            if aggregation.relates_pairs() {
+                reducer.add(&self.network.relate(&self.reference.coarse, &warped, &coordinate)?, None)?;
+            } else {
+                reducer.add(&warped, visibility.get(index))?;
+            }
+        }
+        reducer.finish()?.ok_or_else(no_views)
+    }
+
+    /// The visibility mask of each source view (vis-var): pair features, pooled over all planes.
+    fn visibility(&self) -> Result<Vec<Tensor>, NetError> {
+        if !self.network.manifest().aggregation.weighs_views() {
+            return Ok(Vec::new());
+        }
+        self.sources
+            .iter()
+            .map(|(source, projection)| {
+                let mut pooled: Option<Tensor> = None;
+                for first in (0..self.planes.count).step_by(self.slab) {
+                    let (depth, coordinate) = self.slab_depths(first)?;
+                    let warped = sample(&source.coarse, &projection.grid(&depth)?)?;
+                    let related = self.network.relate(&self.reference.coarse, &warped, &coordinate)?;
+                    let best = related.f_amax([0], true)?;
+                    pooled = Some(match pooled {
+                        Some(pooled) => pooled.f_maximum(&best)?,
+                        None => best,
+                    });
+                }
+                self.network.visibility(&pooled.ok_or_else(no_views)?)
+            })
+            .collect()
+    }
+
+    /// Depths of a slab's planes in units of `near`, (D', 1), and their coordinates in [0, 1], (D').
+    fn slab_depths(&self, first: usize) -> Result<(Tensor, Tensor), TchError> {
+        let end = (first + self.slab).min(self.planes.count);
+        let options = (Kind::Float, self.reference.coarse.device());
+        let u = Tensor::f_arange_start(first as i64, end as i64, options)?;
+        let coordinate = u.f_div_scalar((self.planes.count - 1) as f64)?;
+        Ok((depth_of(self.planes, &u)?.f_unsqueeze(1)?, coordinate))
+    }
+}
+
+fn no_views() -> NetError {
+    NetError::Request("a depth map needs at least one source view".to_owned())
+}

@@ -1,0 +1,123 @@
+//! A photograph as the network sees it: its features at the strides of the image pyramid.
+
+use tch::{Kind, TchError, Tensor};
+use vamvs_core::roi::PixelBox;
+use vamvs_core::{Intrinsics, Photo, Pinhole, Pose, Size};
+
+use crate::{NetError, Network};
+
+/// The stride of the coarse features, and the multiple to which images are padded.
+pub const COARSE_SCALE: usize = 8;
+
+/// The strides of the flow features.
+pub const FLOW_SCALES: [usize; 3] = [2, 4, 8];
+
+/// The features of a photograph, with its camera.
+#[derive(Debug)]
+pub struct EncodedView {
+    /// The photograph's camera.
+    pub camera: Pinhole,
+    /// Its pose.
+    pub cam_from_world: Pose,
+    /// Width and height after padding to a multiple of 8 on the right and at the bottom.
+    pub(crate) padded: Size,
+    /// (1, C, H/8, W/8)
+    pub(crate) coarse: Tensor,
+    /// (1, C, H/2, W/2), (1, C, H/4, W/4), (1, C, H/8, W/8)
+    pub(crate) flow: [Tensor; 3],
+}
+
+impl Network {
+    /// Encodes a photograph of any size of at least 32×32 pixels.
+    ///
+    /// # Errors
+    /// If the photograph is smaller than that or memory runs out.
+    pub fn encode(&self, photo: &Photo) -> Result<EncodedView, NetError> {
+        let size = photo.camera.size;
+        if size.width < 32 || size.height < 32 {
+            return Err(NetError::Request(format!("a photograph of {size} pixels is too small: expected 32×32 at least")));
+        }
+        let image = image_tensor(photo)?.f_to_device(self.device())?;
+        let (_, _, height, width) = image.size4()?;
+        Ok(EncodedView {
+            camera: photo.camera,
+            cam_from_world: photo.cam_from_world,
+            padded: Size::new(width as usize, height as usize),
+            coarse: self.encode_coarse(&image)?,
+            flow: self.encode_flow(&image)?,
+        })
+    }
+}
+
+impl EncodedView {
+    /// The part of the view inside `region`, its border moved outwards to multiples of 8 pixels, and
+    /// that part's offset in the image. The features are shared, not copied.
+    ///
+    /// # Errors
+    /// If the region is not inside the image.
+    pub fn cropped(&self, region: &PixelBox) -> Result<(Self, PixelBox), NetError> {
+        let scale = COARSE_SCALE;
+        let outer = PixelBox {
+            x0: region.x0 / scale * scale,
+            y0: region.y0 / scale * scale,
+            x1: region.x1.next_multiple_of(scale).min(self.padded.width),
+            y1: region.y1.next_multiple_of(scale).min(self.padded.height),
+        };
+        if outer.x0 >= outer.x1 || outer.y0 >= outer.y1 {
+            return Err(NetError::Request(format!("the region {region:?} is empty or outside of the {} image", self.camera.size)));
+        }
+        let padded = Size::new(outer.x1 - outer.x0, outer.y1 - outer.y0);
+        let part = |features: &Tensor, stride: usize| -> Result<Tensor, TchError> {
+            features
+                .f_narrow(2, (outer.y0 / stride) as i64, (padded.height / stride) as i64)?
+                .f_narrow(3, (outer.x0 / stride) as i64, (padded.width / stride) as i64)
+        };
+        let [half, quarter, eighth] = &self.flow;
+        let camera = Pinhole {
+            size: Size::new(
+                self.camera.size.width.min(outer.x1) - outer.x0,
+                self.camera.size.height.min(outer.y1) - outer.y0,
+            ),
+            intrinsics: self.camera.intrinsics.cropped(outer.x0 as f64, outer.y0 as f64),
+        };
+        let view = Self {
+            camera,
+            cam_from_world: self.cam_from_world,
+            padded,
+            coarse: part(&self.coarse, 8)?,
+            flow: [part(half, 2)?, part(quarter, 4)?, part(eighth, 8)?],
+        };
+        Ok((view, outer))
+    }
+
+    /// Bytes that the features take.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let values: usize = self.flow.iter().chain([&self.coarse]).map(Tensor::numel).sum();
+        values * size_of::<f32>()
+    }
+
+    /// Size of the feature map at a stride.
+    pub(crate) fn size_at(&self, stride: usize) -> Size {
+        Size::new(self.padded.width / stride, self.padded.height / stride)
+    }
+
+    /// Intrinsics at the photograph's full size.
+    pub(crate) fn intrinsics(&self) -> Intrinsics {
+        self.camera.intrinsics
+    }
+}
+
+/// (1, 3, H, W) in [0, 1], padded to multiples of 8 by repeating the last column and row.
+fn image_tensor(photo: &Photo) -> Result<Tensor, TchError> {
+    let Size { width, height } = photo.image.size();
+    let bytes = photo.image.data().as_flattened();
+    let image = Tensor::f_from_data_size(bytes, &[height as i64, width as i64, 3], Kind::Uint8)?;
+    let image = image.f_permute([2, 0, 1])?.f_unsqueeze(0)?.f_to_kind(Kind::Float)?.f_div_scalar(255.0)?;
+    let right = width.next_multiple_of(COARSE_SCALE) - width;
+    let bottom = height.next_multiple_of(COARSE_SCALE) - height;
+    if right + bottom == 0 {
+        return image.f_contiguous();
+    }
+    image.f_replication_pad2d([0, right as i64, 0, bottom as i64])
+}

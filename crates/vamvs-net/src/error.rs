@@ -1,0 +1,64 @@
+//! What can go wrong between a module and its geometry.
+
+use std::path::PathBuf;
+
+use tch::TchError;
+
+/// An error of the network crate.
+#[derive(Debug, thiserror::Error)]
+pub enum NetError {
+    /// The file holds no TorchScript module, or cannot be read.
+    #[error("{path}: not a TorchScript module that libtorch 2.11 can load; `vamvs info` tells what a file is, and models/README.md how to export one")]
+    NotAModule {
+        /// The file.
+        path: PathBuf,
+        /// libtorch's words.
+        source: TchError,
+    },
+    /// A method of the contract is missing or fails.
+    #[error("{module}: method `{method}` is missing or failed; expected {expected} (models/README.md)")]
+    Method {
+        /// Where the module came from.
+        module: String,
+        /// The method.
+        method: &'static str,
+        /// Its signature by the contract.
+        expected: &'static str,
+        /// libtorch's words.
+        source: TchError,
+    },
+    /// A method answers with another shape than the contract says.
+    #[error("{module}: method `{method}` gave a tensor of shape {found:?}, expected {expected} (models/README.md)")]
+    Shape {
+        /// Where the module came from.
+        module: String,
+        /// The method.
+        method: &'static str,
+        /// The shape by the contract.
+        expected: String,
+        /// The shape that came.
+        found: Vec<i64>,
+    },
+    /// The manifest is no JSON of the contract, or contradicts itself.
+    #[error("{module}: its manifest {problem}")]
+    Manifest {
+        /// Where the module came from.
+        module: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// The device asked for is not there.
+    #[error("device `{wanted}` is not available: {reason}")]
+    Device {
+        /// As asked for.
+        wanted: String,
+        /// Why not.
+        reason: String,
+    },
+    /// The request makes no sense for this network.
+    #[error("{0}")]
+    Request(String),
+    /// A tensor operation failed: out of memory, as a rule.
+    #[error("a tensor operation failed (out of memory? try smaller images with --max-size, or fewer --planes)")]
+    Tensor(#[from] TchError),
+}

@@ -1,0 +1,156 @@
+//! From a reference view and its sources to a depth map.
+
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Size};
+
+use crate::coarse::{PlaneMap, expectation};
+use crate::cost_volume::sweep;
+use crate::encode::COARSE_SCALE;
+use crate::manifest::check_iterations;
+use crate::point_flow::{FlowStage, enlarge};
+use crate::profile::{Profile, Stage};
+use crate::project::depth_of;
+use crate::{EncodedView, Iteration, NetError, Network};
+
+/// How depth maps are made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EstimatorOptions {
+    /// The flow iterations, coarse to fine; the last one's scale is the depth map's.
+    pub iterations: Vec<Iteration>,
+    /// Memory of one slab of warped features in the plane sweep, bytes.
+    pub slab_bytes: usize,
+    /// Points refined at once, hypotheses included.
+    pub strip_points: usize,
+}
+
+impl EstimatorOptions {
+    /// A network's own defaults.
+    #[must_use]
+    pub fn of(network: &Network) -> Self {
+        Self { iterations: network.manifest().iterations.clone(), slab_bytes: 32 << 20, strip_points: 200_000 }
+    }
+}
+
+/// Estimates depth maps with one network.
+#[derive(Debug)]
+pub struct Estimator {
+    network: Network,
+    options: EstimatorOptions,
+}
+
+impl Estimator {
+    /// An estimator.
+    ///
+    /// # Errors
+    /// If the options make no sense.
+    pub fn new(network: Network, options: EstimatorOptions) -> Result<Self, NetError> {
+        check_iterations(&options.iterations)
+            .map_err(|problem| NetError::Request(format!("the list of iterations {problem}")))?;
+        Ok(Self { network, options })
+    }
+
+    /// The network.
+    #[must_use]
+    pub fn network(&self) -> &Network {
+        &self.network
+    }
+
+    /// The depth map of `reference` by comparison with `sources` on `planes`, at the scale of the last
+    /// iteration (1/8 if there are none), with the camera of that size.
+    ///
+    /// # Errors
+    /// If there are no sources, the module breaks its contract, or memory runs out.
+    pub fn estimate(
+        &self,
+        reference: &EncodedView,
+        sources: &[&EncodedView],
+        planes: &Planes,
+        profile: &mut Profile,
+    ) -> Result<DepthMap, NetError> {
+        if sources.is_empty() {
+            return Err(NetError::Request("a depth map needs at least one source view".to_owned()));
+        }
+        if planes.count < 2 {
+            return Err(NetError::Request(format!("a sweep needs at least 2 planes, got {}", planes.count)));
+        }
+        tch::no_grad(|| {
+            let stages = self.stages(reference, sources, planes, profile)?;
+            self.depth_map(reference, planes, &stages)
+        })
+    }
+
+    /// The coarse map and the map after each iteration, in plane coordinates.
+    ///
+    /// # Errors
+    /// As [`Estimator::estimate`].
+    pub fn stages(
+        &self,
+        reference: &EncodedView,
+        sources: &[&EncodedView],
+        planes: &Planes,
+        profile: &mut Profile,
+    ) -> Result<Vec<PlaneMap>, NetError> {
+        let network = &self.network;
+        let cost = profile
+            .time(Stage::Sweep, || sweep(network, reference, sources, planes, self.options.slab_bytes))?;
+        let visibility = cost.visibility;
+        let volume = cost.volume;
+        let coarse = profile.time(Stage::Regularize, || {
+            let costs = network.regularize(&volume)?;
+            drop(volume);
+            Ok::<_, NetError>(expectation(&costs)?)
+        })?;
+        let mut stages = vec![coarse];
+        for &iteration in &self.options.iterations {
+            let stage = FlowStage {
+                network,
+                reference,
+                sources,
+                planes,
+                visibility: &visibility,
+                iteration,
+                strip_rows: self.strip_rows(reference),
+            };
+            let before = &stages[stages.len() - 1].u;
+            let refined = stage.refine(before, profile)?;
+            stages.push(refined);
+        }
+        Ok(stages)
+    }
+
+    /// Rows of a strip that holds `strip_points` points.
+    fn strip_rows(&self, reference: &EncodedView) -> usize {
+        let hypotheses = 2 * self.network.manifest().hypotheses + 1;
+        (self.options.strip_points / (hypotheses * reference.size_at(COARSE_SCALE).width)).max(8)
+    }
+
+    /// The last stage as a depth map, without the padding.
+    fn depth_map(&self, reference: &EncodedView, planes: &Planes, stages: &[PlaneMap]) -> Result<DepthMap, NetError> {
+        let scale = self.options.iterations.last().map_or(COARSE_SCALE, |iteration| iteration.scale);
+        let full = reference.camera.size;
+        let size = Size::new(full.width / scale, full.height / scale);
+        let last = &stages[stages.len() - 1];
+        let padded = reference.size_at(scale);
+        let grid = |map: &Tensor| -> Result<Grid<f32>, NetError> {
+            let map = map
+                .f_narrow(0, 0, size.height as i64)?
+                .f_narrow(1, 0, size.width as i64)?
+                .f_to_device(tch::Device::Cpu)?
+                .f_contiguous()?
+                .f_flatten(0, -1)?;
+            Ok(Grid::from_vec(size, Vec::<f32>::try_from(map)?))
+        };
+        let depth = depth_of(planes, &last.u)?.f_mul_scalar(planes.range.near)?;
+        let coarse_confidence = grid(&enlarge(&stages[0].confidence, padded)?)?;
+        let confidence = if stages.len() > 1 { grid(&last.confidence)? } else { coarse_confidence.clone() };
+        let ratio = 1.0 / scale as f64;
+        Ok(DepthMap {
+            camera: Pinhole { size, intrinsics: reference.intrinsics().scaled(ratio, ratio) },
+            cam_from_world: reference.cam_from_world,
+            depth: grid(&depth)?,
+            confidence,
+            coarse_confidence: Some(coarse_confidence),
+        })
+    }
+}

@@ -1,0 +1,34 @@
+//! The visibility-aware point-based network (Chen et al., TPAMI 2020): from a reference photograph and
+//! its source photographs to a depth map.
+//!
+//! What is learned is a TorchScript module ([`Network`], the contract is in `models/README.md`); the
+//! geometry between its methods is here, the same for inference and for training. In the order in which
+//! data flows: [`Network::encode`] makes the features of a photograph, [`cost_volume`] sweeps planes
+//! through them, [`coarse`] turns the volume into a depth, [`point_flow`] refines it on a cloud of
+//! hypothesised points, and [`Estimator`] runs the whole.
+//!
+//! Depth is told in plane coordinates (see [`vamvs_core::planes`]) throughout, and points are normalised
+//! by the reference view's depth range, so nothing depends on the scene's scale or frame.
+
+pub mod aggregate;
+pub mod coarse;
+pub mod cost_volume;
+pub mod device;
+pub mod encode;
+pub mod error;
+pub mod estimator;
+pub mod manifest;
+pub mod point_flow;
+pub mod profile;
+pub mod project;
+pub mod script;
+
+pub use aggregate::Aggregation;
+pub use device::{Device, open_device};
+pub use encode::EncodedView;
+pub use error::NetError;
+pub use estimator::{Estimator, EstimatorOptions};
+pub use manifest::{Iteration, Manifest};
+pub use profile::{Profile, Stage};
+pub use script::Network;
+pub use tch;

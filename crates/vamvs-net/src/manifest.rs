@@ -1,0 +1,123 @@
+//! What a module says of itself.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Aggregation, NetError};
+
+/// The version of the contract between modules and this crate.
+pub const CONTRACT: u32 = 1;
+
+/// A module's manifest, JSON in the module.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// The version of the contract that the module was written for.
+    pub contract: u32,
+    /// The network's name.
+    pub name: String,
+    /// How features of several views become one (figure 3).
+    pub aggregation: Aggregation,
+    /// Nearest neighbours of a point, k.
+    pub neighbours: usize,
+    /// Hypotheses to each side of a point, m.
+    pub hypotheses: usize,
+    /// How many times `flow` looks from a point to its neighbours: its receptive field in windows.
+    pub flow_layers: usize,
+    /// The largest number of planes that makes sense by default.
+    pub planes: usize,
+    /// The flow iterations by default.
+    pub iterations: Vec<Iteration>,
+    /// The licence of the weights.
+    pub licence: String,
+    /// What the weights were trained on.
+    pub trained_on: String,
+    /// Measured scores.
+    pub scores: serde_json::Map<String, serde_json::Value>,
+}
+
+/// One flow iteration.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Iteration {
+    /// The depth map's size is the image's divided by this: 8, 4, 2 or 1.
+    pub scale: usize,
+    /// Distance between hypotheses, in plane distances (s).
+    pub step: f64,
+}
+
+impl Manifest {
+    /// Parses and checks a manifest.
+    ///
+    /// # Errors
+    /// If it is no JSON of the contract, of another version, or absurd.
+    pub fn parse(json: &str, module: &str) -> Result<Self, NetError> {
+        let wrong = |problem: String| NetError::Manifest { module: module.to_owned(), problem };
+        let manifest: Self = serde_json::from_str(json)
+            .map_err(|error| wrong(format!("is not the JSON that models/README.md describes: {error}")))?;
+        if manifest.contract != CONTRACT {
+            return Err(wrong(format!(
+                "says contract {}, this program knows contract {CONTRACT}: export the module anew",
+                manifest.contract
+            )));
+        }
+        if !(1..=64).contains(&manifest.neighbours) || !(1..=8).contains(&manifest.hypotheses) {
+            return Err(wrong(format!(
+                "has {} neighbours (expected 1 to 64) and {} hypotheses (expected 1 to 8)",
+                manifest.neighbours, manifest.hypotheses
+            )));
+        }
+        if !(1..=8).contains(&manifest.flow_layers) || !(2..=4096).contains(&manifest.planes) {
+            return Err(wrong(format!(
+                "has {} flow_layers (expected 1 to 8) and {} planes (expected 2 to 4096)",
+                manifest.flow_layers, manifest.planes
+            )));
+        }
+        check_iterations(&manifest.iterations).map_err(wrong)?;
+        Ok(manifest)
+    }
+}
+
+/// Checks that scales are 8, 4, 2 or 1 and do not grow, and that steps are positive.
+pub(crate) fn check_iterations(iterations: &[Iteration]) -> Result<(), String> {
+    let mut before = crate::encode::COARSE_SCALE;
+    for Iteration { scale, step } in iterations {
+        if ![8, 4, 2, 1].contains(scale) || *scale > before {
+            return Err(format!("has an iteration at scale {scale} after {before}: expected 8, 4, 2 or 1, never growing"));
+        }
+        if !(step.is_finite() && *step > 0.0) {
+            return Err(format!("has an iteration with step {step}: expected a positive number of plane distances"));
+        }
+        before = *scale;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = r#"{"contract":1,"name":"n","aggregation":"vis-max","neighbours":16,"hypotheses":2,"flow_layers":3,
+        "planes":96,"iterations":[{"scale":8,"step":1.0},{"scale":2,"step":0.15}],"licence":"","trained_on":"","scores":{}}"#;
+
+    #[test]
+    fn a_good_manifest_is_read() {
+        let manifest = Manifest::parse(GOOD, "test").unwrap();
+        assert_eq!(manifest.aggregation, Aggregation::VisMax);
+        assert_eq!(manifest.iterations[1], Iteration { scale: 2, step: 0.15 });
+    }
+
+    #[test]
+    fn bad_ones_are_refused_with_the_reason() {
+        for (from, to, reason) in [
+            ("\"contract\":1", "\"contract\":7", "contract 7"),
+            ("\"scale\":2", "\"scale\":3", "scale 3"),
+            ("\"scale\":8", "\"scale\":1", "scale 2 after 1"),
+            ("\"step\":0.15", "\"step\":0.0", "step 0"),
+            ("\"neighbours\":16", "\"neighbours\":0", "0 neighbours"),
+            ("vis-max", "vis-min", "vis-min"),
+            ("{\"contract\"", "[\"contract\"", "JSON"),
+        ] {
+            let error = Manifest::parse(&GOOD.replace(from, to), "test").unwrap_err().to_string();
+            assert!(error.contains(reason), "{error}");
+        }
+    }
+}

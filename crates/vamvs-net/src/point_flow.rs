@@ -1,0 +1,196 @@
+//! PointFlow (sections 3.3, 3.4): depth refined on a cloud of hypothesised points.
+//!
+//! At finer resolutions the neighbourhood keeps its span in the image: it is dilated by 8 / scale. A
+//! dilated window never leaves its residue class of pixels, so a map at 1/4 falls into 4, one at 1/2
+//! into 16 independent lattices, each of the size of the map at 1/8 and each refined by itself. No pixel
+//! is computed twice, and memory does not grow with the resolution. Large lattices are cut into strips
+//! of rows that overlap by the network's receptive field.
+
+use tch::{Kind, TchError, Tensor};
+use vamvs_core::window_knn::WindowKnn;
+use vamvs_core::{Planes, Size};
+
+use crate::coarse::{PlaneMap, around};
+use crate::encode::COARSE_SCALE;
+use crate::profile::{Profile, Stage};
+use crate::project::{PixelLattice, Projection, depth_of, sample};
+use crate::script::POSITION_CHANNELS;
+use crate::{EncodedView, Iteration, NetError, Network};
+
+/// Pixels to each side of a point in which its neighbours are searched (5 × 5 windows).
+pub const WINDOW_RADIUS: usize = 2;
+
+/// What one flow iteration works on.
+pub struct FlowStage<'a> {
+    /// The network.
+    pub network: &'a Network,
+    /// The view whose depth is sought.
+    pub reference: &'a EncodedView,
+    /// The views it is compared with.
+    pub sources: &'a [&'a EncodedView],
+    /// The planes of the sweep, which give the depth coordinate its meaning.
+    pub planes: &'a Planes,
+    /// vis-var's masks at 1/8, one a source view, else empty.
+    pub visibility: &'a [Tensor],
+    /// Size and step of this iteration.
+    pub iteration: Iteration,
+    /// Rows of a strip.
+    pub strip_rows: usize,
+}
+
+impl FlowStage<'_> {
+    /// Refines a depth map of any resolution, (h, w) in plane coordinates, at the iteration's scale.
+    ///
+    /// # Errors
+    /// If the module breaks its contract or memory runs out.
+    pub fn refine(&self, u: &Tensor, profile: &mut Profile) -> Result<PlaneMap, NetError> {
+        let size = self.reference.size_at(self.iteration.scale);
+        let u = enlarge(u, size)?;
+        let (refined, confidence) = (u.f_zeros_like()?, u.f_zeros_like()?);
+        let step = COARSE_SCALE / self.iteration.scale;
+        for y in 0..step {
+            for x in 0..step {
+                let lattice = PixelLattice::new(self.iteration.scale, (x, y), step, size);
+                let pick = |map: &Tensor| residue(map, x, y, step);
+                self.refine_lattice(&lattice, &pick(&u)?, &pick(&refined)?, &pick(&confidence)?, profile)?;
+            }
+        }
+        Ok(PlaneMap { u: refined, confidence })
+    }
+
+    /// Refines a lattice strip by strip, from `u` into `refined` and `confidence`.
+    fn refine_lattice(
+        &self,
+        lattice: &PixelLattice,
+        u: &Tensor,
+        refined: &Tensor,
+        confidence: &Tensor,
+        profile: &mut Profile,
+    ) -> Result<(), NetError> {
+        let rows = lattice.y.len();
+        let reach = self.network.manifest().flow_layers * WINDOW_RADIUS;
+        for first in (0..rows).step_by(self.strip_rows) {
+            let end = (first + self.strip_rows).min(rows);
+            let (top, bottom) = (first.saturating_sub(reach), (end + reach).min(rows));
+            let strip = lattice.rows(top, bottom);
+            let map = self.refine_strip(&strip, &u.f_narrow(0, top as i64, (bottom - top) as i64)?, profile)?;
+            let inner = |map: &Tensor| map.f_narrow(0, (first - top) as i64, (end - first) as i64);
+            let outer = |map: &Tensor| map.f_narrow(0, first as i64, (end - first) as i64);
+            outer(refined)?.f_copy_(&inner(&map.u)?)?;
+            outer(confidence)?.f_copy_(&inner(&map.confidence)?)?;
+        }
+        Ok(())
+    }
+
+    /// One set of points: hypotheses, features, neighbours, flow (equations of section 3.4).
+    fn refine_strip(&self, lattice: &PixelLattice, u: &Tensor, profile: &mut Profile) -> Result<PlaneMap, NetError> {
+        let Size { width, height } = lattice.size();
+        let m = self.network.manifest().hypotheses as i64;
+        let hypotheses = 2 * m + 1;
+        let u = u.f_contiguous()?.f_view([1, -1])?;
+        let offsets = Tensor::f_arange_start(-m, m + 1, (Kind::Float, u.device()))?
+            .f_mul_scalar(self.iteration.step)?
+            .f_view([-1, 1])?;
+        let depth = depth_of(self.planes, &u.f_add(&offsets)?)?; // (J, h·w), units of near
+        let points = self.points(lattice, &depth)?; // (3, P)
+        let features = profile.time(Stage::Fetch, || self.features(lattice, &depth, &points))?; // (1, C, P)
+        let neighbours =
+            profile.time(Stage::Neighbours, || self.neighbours(&points, lattice.size(), hypotheses))?;
+        profile.time(Stage::Flow, || {
+            let scores = self.network.flow(&features, &neighbours)?; // (1, P)
+            let scores = scores.f_view([-1, hypotheses])?.f_tr()?; // (J, h·w)
+            let flow = around(&scores.f_neg()?.f_softmax(0, Kind::Float)?)?;
+            let offset = flow.u.f_sub_scalar(m as f64)?.f_mul_scalar(self.iteration.step)?;
+            let shape = [height as i64, width as i64];
+            Ok(PlaneMap {
+                u: u.f_select(0, 0)?.f_add(&offset)?.f_view(shape)?,
+                confidence: flow.confidence.f_view(shape)?,
+            })
+        })
+    }
+
+    /// The points in the reference camera's frame, centred and scaled by its depth range: (3, P), points
+    /// in the order (y, x, hypothesis).
+    fn points(&self, lattice: &PixelLattice, depth: &Tensor) -> Result<Tensor, TchError> {
+        let rays = lattice.rays(&self.reference.camera, depth.device())?; // (1, 3, h·w)
+        let points = depth.f_unsqueeze(1)?.f_mul(&rays)?.f_permute([1, 2, 0])?; // (3, h·w, J)
+        let ratio = self.planes.range.far / self.planes.range.near;
+        let (centre, half) = (0.5 * (ratio + 1.0), 0.5 * (ratio - 1.0));
+        let centre = Tensor::f_from_slice(&[0.0, 0.0, centre as f32])?.f_to_device(depth.device())?;
+        points.f_reshape([3, -1])?.f_sub(&centre.f_view([3, 1])?)?.f_div_scalar(half)
+    }
+
+    /// Features of all points with their positions: (1, C'' + 24, P).
+    fn features(&self, lattice: &PixelLattice, depth: &Tensor, points: &Tensor) -> Result<Tensor, NetError> {
+        let aggregated = self.fetch(lattice, depth)?; // (J, C'', h·w)
+        let channels = aggregated.size()[1];
+        let aggregated = aggregated.f_permute([1, 2, 0])?.f_reshape([channels, -1])?; // (C'', P)
+        let position = points.f_repeat([POSITION_CHANNELS / 3, 1])?;
+        Ok(Tensor::f_cat(&[aggregated, position], 0)?.f_unsqueeze(0)?)
+    }
+
+    /// Fetches features afresh at the projections of the points and aggregates them over the views:
+    /// (J, C'', h·w).
+    fn fetch(&self, lattice: &PixelLattice, depth: &Tensor) -> Result<Tensor, NetError> {
+        let aggregation = self.network.manifest().aggregation;
+        let hypotheses = depth.size()[0];
+        let device = depth.device();
+        let reference_grid = lattice.grid(self.reference, device)?;
+        let reference = fetch_levels(&self.reference.flow, &reference_grid)?; // (1, C, h·w)
+        let reference = reference.f_expand([hypotheses, -1, -1], false)?;
+        let mut reducer = aggregation.reducer();
+        if !aggregation.relates_pairs() {
+            reducer.add(&reference, None)?;
+        }
+        for (index, source) in self.sources.iter().enumerate() {
+            let projection = Projection::new(lattice, self.reference, source, self.planes.range.near)?;
+            let fetched = fetch_levels(&source.flow, &projection.grid(depth)?)?; // (J, C, h·w)
+            if aggregation.relates_pairs() {
+                reducer.add(&self.network.relate_flow(&reference, &fetched)?, None)?;
+            } else {
+                let mask = self.visibility.get(index).map(|mask| self.mask(mask, &reference_grid));
+                reducer.add(&fetched, mask.transpose()?.as_ref())?;
+            }
+        }
+        reducer.finish()?.ok_or_else(|| NetError::Request("a depth map needs at least one source view".to_owned()))
+    }
+
+    /// vis-var's mask at the lattice's pixels: (1, 1, h·w).
+    fn mask(&self, mask: &Tensor, reference_grid: &Tensor) -> Result<Tensor, TchError> {
+        sample(mask, reference_grid)?.f_flatten(2, 3)
+    }
+
+    /// The k nearest neighbours of each point: (1, P, k).
+    fn neighbours(&self, points: &Tensor, size: Size, hypotheses: i64) -> Result<Tensor, NetError> {
+        let k = self.network.manifest().neighbours;
+        let on_cpu = points.f_detach()?.f_tr()?.f_to_device(tch::Device::Cpu)?.f_contiguous()?.f_flatten(0, -1)?;
+        let positions = Vec::<f32>::try_from(on_cpu)?;
+        let (positions, _) = positions.as_chunks::<3>();
+        let mut indices = vec![0_i64; positions.len() * k];
+        let knn = WindowKnn { k, radius: WINDOW_RADIUS, dilation: 1 };
+        knn.neighbours(positions, size.width, size.height, hypotheses as usize, &mut indices);
+        let indices = Tensor::f_from_slice(&indices)?.f_view([1, positions.len() as i64, k as i64])?;
+        Ok(indices.f_to_device(points.device())?)
+    }
+}
+
+/// All levels at one grid, joined: (B, C₁ + C₂ + C₃, h·w).
+fn fetch_levels(levels: &[Tensor; 3], grid: &Tensor) -> Result<Tensor, TchError> {
+    let [half, quarter, eighth] = levels;
+    let sampled = [sample(half, grid)?, sample(quarter, grid)?, sample(eighth, grid)?];
+    Tensor::f_cat(&sampled, 1)?.f_flatten(2, 3)
+}
+
+/// The pixels of (h, w) with coordinates ≡ (x, y) modulo `step`, sharing memory.
+fn residue(map: &Tensor, x: usize, y: usize, step: usize) -> Result<Tensor, TchError> {
+    map.f_slice(0, y as i64, None, step as i64)?.f_slice(1, x as i64, None, step as i64)
+}
+
+/// Nearest-neighbour upsampling of (h, w).
+pub(crate) fn enlarge(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
+    let target = [size.height as i64, size.width as i64];
+    if map.size() == target {
+        return Ok(map.shallow_clone());
+    }
+    map.f_unsqueeze(0)?.f_unsqueeze(0)?.f_upsample_nearest2d(target, None, None)?.f_squeeze()
+}

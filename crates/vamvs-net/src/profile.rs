@@ -1,0 +1,61 @@
+//! Where the time of a depth map goes.
+
+use std::time::{Duration, Instant};
+
+/// The stages of a depth map, in the order in which data flows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Image features.
+    Encode,
+    /// Warping and aggregation of the cost volume.
+    Sweep,
+    /// Cost-volume regularisation and coarse depth.
+    Regularize,
+    /// Fetching and aggregation of point features.
+    Fetch,
+    /// Nearest neighbours.
+    Neighbours,
+    /// Edge convolutions and flow.
+    Flow,
+}
+
+impl Stage {
+    /// All stages in order.
+    pub const ALL: [Self; 6] =
+        [Self::Encode, Self::Sweep, Self::Regularize, Self::Fetch, Self::Neighbours, Self::Flow];
+}
+
+/// Wall-clock time by stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Profile {
+    spent: [Duration; Stage::ALL.len()],
+}
+
+impl Profile {
+    /// Runs `work` and books its time on `stage`.
+    pub fn time<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
+        let begin = Instant::now();
+        let result = work();
+        self.spent[stage as usize] += begin.elapsed();
+        result
+    }
+
+    /// Time spent in a stage.
+    #[must_use]
+    pub fn spent(&self, stage: Stage) -> Duration {
+        self.spent[stage as usize]
+    }
+
+    /// Adds another profile's times.
+    pub fn add(&mut self, other: &Self) {
+        for (mine, theirs) in self.spent.iter_mut().zip(other.spent) {
+            *mine += theirs;
+        }
+    }
+
+    /// Time over all stages.
+    #[must_use]
+    pub fn total(&self) -> Duration {
+        self.spent.iter().sum()
+    }
+}

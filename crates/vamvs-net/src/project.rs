@@ -1,0 +1,174 @@
+//! From pixels and depths of a reference view to places in a source view's feature maps.
+
+use tch::{Kind, TchError, Tensor};
+use vamvs_core::homography::PixelTransfer;
+use vamvs_core::{Pinhole, Size};
+
+use crate::{Device, EncodedView};
+
+/// Grid coordinates so far outside that nothing of the image is sampled.
+const OUTSIDE: f64 = -10.0;
+
+/// A lattice of pixels of the reference view, in full-resolution image coordinates.
+#[derive(Clone, Debug)]
+pub struct PixelLattice {
+    /// Image x of each column's pixel centre.
+    pub x: Vec<f64>,
+    /// Image y of each row's pixel centre.
+    pub y: Vec<f64>,
+}
+
+impl PixelLattice {
+    /// Pixels `first, first + step, …` below `end` of the image reduced by `scale`, along both axes.
+    #[must_use]
+    pub fn new(scale: usize, (x0, y0): (usize, usize), step: usize, end: Size) -> Self {
+        let centres = |first: usize, end: usize| {
+            (first..end).step_by(step).map(|i| (i as f64 + 0.5) * scale as f64).collect()
+        };
+        Self { x: centres(x0, end.width), y: centres(y0, end.height) }
+    }
+
+    /// Columns and rows.
+    #[must_use]
+    pub fn size(&self) -> Size {
+        Size::new(self.x.len(), self.y.len())
+    }
+
+    /// The rows `first..end`.
+    #[must_use]
+    pub fn rows(&self, first: usize, end: usize) -> Self {
+        Self { x: self.x.clone(), y: self.y[first..end].to_vec() }
+    }
+
+    /// (1, 3, h·w): `matrix · (x, y, 1)` for each pixel, row-major.
+    fn mapped(&self, matrix: &nalgebra::Matrix3<f64>, device: Device) -> Result<Tensor, TchError> {
+        let mut values = Vec::with_capacity(3 * self.x.len() * self.y.len());
+        for row in matrix.row_iter() {
+            for y in &self.y {
+                values.extend(self.x.iter().map(|x| (row[0] * x + row[1] * y + row[2]) as f32));
+            }
+        }
+        Tensor::f_from_slice(&values)?.f_view([1, 3, -1])?.f_to_device(device)
+    }
+
+    /// (1, 3, h·w): the points at depth 1 on the pixels' rays, in the camera's frame.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn rays(&self, camera: &Pinhole, device: Device) -> Result<Tensor, TchError> {
+        let k = camera.intrinsics;
+        let inverse = nalgebra::Matrix3::new(
+            1.0 / k.fx, 0.0, -k.cx / k.fx, //
+            0.0, 1.0 / k.fy, -k.cy / k.fy, //
+            0.0, 0.0, 1.0,
+        );
+        self.mapped(&inverse, device)
+    }
+
+    /// (1, h, w, 2): the pixels themselves as sampling grid of the reference's own feature maps.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn grid(&self, view: &EncodedView, device: Device) -> Result<Tensor, TchError> {
+        let Size { width, height } = self.size();
+        let mut values = Vec::with_capacity(2 * width * height);
+        for y in &self.y {
+            for x in &self.x {
+                values.push((2.0 * x / view.padded.width as f64 - 1.0) as f32);
+                values.push((2.0 * y / view.padded.height as f64 - 1.0) as f32);
+            }
+        }
+        Tensor::f_from_slice(&values)?.f_view([1, height as i64, width as i64, 2])?.f_to_device(device)
+    }
+}
+
+/// The projection of a lattice's pixels into one source view, for any depths.
+#[derive(Debug)]
+pub struct Projection {
+    /// (1, 3, h·w)
+    linear: Tensor,
+    /// (1, 3, 1)
+    offset: Tensor,
+    lattice: Size,
+    source: Size,
+    /// A distance small against the scene's, below which a point counts as behind the camera.
+    epsilon: f64,
+}
+
+impl Projection {
+    /// The projection from `reference` into `source`; `near` is the nearest depth searched.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn new(
+        lattice: &PixelLattice,
+        reference: &EncodedView,
+        source: &EncodedView,
+        near: f64,
+    ) -> Result<Self, TchError> {
+        let device = source.coarse.device();
+        let source_from_reference = source.cam_from_world.compose(&reference.cam_from_world.inverse());
+        let transfer = PixelTransfer::new(&reference.camera, &source.camera, &source_from_reference);
+        // Depths are told in units of `near`, so that single precision serves any scale.
+        let offset = (transfer.offset / near).map(|value| value as f32);
+        Ok(Self {
+            linear: lattice.mapped(&transfer.linear, device)?,
+            offset: Tensor::f_from_slice(offset.as_slice())?.f_view([1, 3, 1])?.f_to_device(device)?,
+            lattice: lattice.size(),
+            source: source.padded,
+            epsilon: 1e-3,
+        })
+    }
+
+    /// Depths in units of `near`, (B, 1) or (B, h·w) → sampling grid (B, h, w, 2) of the source view's
+    /// feature maps, at any of their strides.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn grid(&self, depth: &Tensor) -> Result<Tensor, TchError> {
+        let seen = depth.f_unsqueeze(1)?.f_mul(&self.linear)?.f_add(&self.offset)?; // (B, 3, h·w)
+        let z = seen.f_select(1, 2)?;
+        let inverse_z = z.f_clamp_min(self.epsilon)?.f_reciprocal()?;
+        let behind = z.f_le(self.epsilon)?;
+        let axis = |index: i64, length: usize| -> Result<Tensor, TchError> {
+            let pixel = seen.f_select(1, index)?.f_mul(&inverse_z)?;
+            let unit = pixel.f_mul_scalar(2.0 / length as f64)?.f_sub_scalar(1.0)?;
+            unit.f_masked_fill(&behind, OUTSIDE)
+        };
+        let grid = Tensor::f_stack(&[axis(0, self.source.width)?, axis(1, self.source.height)?], -1)?;
+        grid.f_view([-1, self.lattice.height as i64, self.lattice.width as i64, 2])
+    }
+}
+
+/// Samples features (1, C, H, W) bilinearly at grid (B, h, w, 2), zero outside → (B, C, h, w).
+///
+/// # Errors
+/// If memory runs out.
+pub fn sample(features: &Tensor, grid: &Tensor) -> Result<Tensor, TchError> {
+    const BILINEAR: i64 = 0;
+    const ZEROS: i64 = 0;
+    let batch = grid.size()[0];
+    features.f_expand([batch, -1, -1, -1], false)?.f_grid_sampler_2d(grid, BILINEAR, ZEROS, false)
+}
+
+/// The depths of plane coordinates `u`, in units of the range's near end, kept positive outside of it.
+///
+/// # Errors
+/// If memory runs out.
+pub fn depth_of(planes: &vamvs_core::Planes, u: &Tensor) -> Result<Tensor, TchError> {
+    use vamvs_core::Spacing;
+    let last = (planes.count - 1) as f64;
+    let ratio = planes.range.far / planes.range.near;
+    match planes.spacing {
+        Spacing::Depth => u.f_mul_scalar((ratio - 1.0) / last)?.f_add_scalar(1.0)?.f_clamp_min(0.25),
+        Spacing::InverseDepth => {
+            let inverse = u.f_mul_scalar((1.0 / ratio - 1.0) / last)?.f_add_scalar(1.0)?;
+            inverse.f_clamp_min(0.25 / ratio)?.f_reciprocal()
+        }
+    }
+}
+
+/// Shape (B, h·w) of f32 zeros and the like: a shorthand for tests and stages.
+pub(crate) fn float(device: Device) -> (Kind, Device) {
+    (Kind::Float, device)
+}

@@ -1,0 +1,206 @@
+//! A TorchScript module behind the contract of `models/README.md`, its shapes checked at the door.
+
+use std::io::Read;
+use std::path::Path;
+
+use tch::{CModule, IValue, Kind, TchError, Tensor};
+
+use crate::encode::COARSE_SCALE;
+use crate::{Device, Manifest, NetError};
+
+/// A network: what is learned, and what it says of itself.
+#[derive(Debug)]
+pub struct Network {
+    module: CModule,
+    manifest: Manifest,
+    device: Device,
+    name: String,
+}
+
+impl Network {
+    /// Loads a `.pt` file.
+    ///
+    /// # Errors
+    /// If it holds no TorchScript module, its manifest is not of the contract, or a method is missing
+    /// or gives other shapes than the contract says.
+    pub fn load(path: &Path, device: Device) -> Result<Self, NetError> {
+        let module = CModule::load_on_device(path, device)
+            .map_err(|source| NetError::NotAModule { path: path.to_owned(), source })?;
+        Self::new(module, device, path.display().to_string())
+    }
+
+    /// Loads a module from memory; `name` stands for it in messages.
+    ///
+    /// # Errors
+    /// As [`Network::load`].
+    pub fn from_reader(mut reader: impl Read, device: Device, name: &str) -> Result<Self, NetError> {
+        let module = CModule::load_data_on_device(&mut reader, device)
+            .map_err(|source| NetError::NotAModule { path: name.into(), source })?;
+        Self::new(module, device, name.to_owned())
+    }
+
+    fn new(mut module: CModule, device: Device, name: String) -> Result<Self, NetError> {
+        // Sizes change from call to call, so specialising the graph to them costs more than it gives.
+        tch::jit::f_set_graph_executor_optimize(false)?;
+        module.f_set_eval()?;
+        let answer = module.method_is::<IValue>("manifest", &[]);
+        let text = answer.and_then(|answer| match answer {
+            IValue::String(text) => Ok(text),
+            other => Err(TchError::Kind(format!("manifest() gave {other:?}"))),
+        });
+        let text = text.map_err(|source| NetError::Method {
+            module: name.clone(),
+            method: "manifest",
+            expected: "() → JSON string",
+            source,
+        })?;
+        let manifest = Manifest::parse(&text, &name)?;
+        let network = Self { module, manifest, device, name };
+        tch::no_grad(|| network.probe())?;
+        Ok(network)
+    }
+
+    /// What the module says of itself.
+    #[must_use]
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// Where the module lives.
+    #[must_use]
+    pub fn device(&self) -> Device {
+        self.device
+    }
+
+    /// Calls every method once on tiny inputs, so that a wrong module is told at once and not after an
+    /// hour.
+    fn probe(&self) -> Result<(), NetError> {
+        let aggregation = self.manifest.aggregation;
+        let (planes, side, points) = (8, 4, 40);
+        let f32 = (Kind::Float, self.device);
+        let image = Tensor::f_rand([1, 3, side * 8, side * 8], f32)?;
+        let coarse = self.encode_coarse(&image)?;
+        let channels = coarse.size()[1];
+        let slab = coarse.f_expand([planes, channels, side, side], false)?;
+        let depth = Tensor::f_rand([planes], f32)?;
+        let related = if aggregation.relates_pairs() || aggregation.weighs_views() {
+            self.relate(&coarse, &slab, &depth)?
+        } else {
+            slab
+        };
+        let volume_channels = if aggregation.weighs_views() {
+            self.visibility(&related.f_amax([0], true)?)?;
+            channels
+        } else {
+            related.size()[1]
+        };
+        self.regularize(&Tensor::f_rand([1, volume_channels, planes, side, side], f32)?)?;
+        let levels = self.encode_flow(&image)?;
+        let channels: i64 = levels.iter().map(|level| level.size()[1]).sum();
+        let fetched = Tensor::f_rand([1, channels, points], f32)?;
+        let related =
+            if aggregation.relates_pairs() { self.relate_flow(&fetched, &fetched)? } else { fetched };
+        let features = Tensor::f_cat(&[related, Tensor::f_rand([1, POSITION_CHANNELS, points], f32)?], 1)?;
+        let neighbours =
+            Tensor::f_zeros([1, points, self.manifest.neighbours as i64], (Kind::Int64, self.device))?;
+        self.flow(&features, &neighbours)?;
+        Ok(())
+    }
+
+    /// (N, 3, H, W) in [0, 1] → (N, C, H/8, W/8).
+    pub(crate) fn encode_coarse(&self, images: &Tensor) -> Result<Tensor, NetError> {
+        let (n, _, h, w) = images.size4()?;
+        let expected = "(images (N, 3, H, W)) → (N, C, H/8, W/8)";
+        let features = self.call("encode_coarse", expected, &[images])?;
+        let scale = COARSE_SCALE as i64;
+        self.check("encode_coarse", &features, &[Some(n), None, Some(h / scale), Some(w / scale)])?;
+        Ok(features)
+    }
+
+    /// (N, 3, H, W) in [0, 1] → (N, C₁, H/2, W/2), (N, C₂, H/4, W/4), (N, C₃, H/8, W/8).
+    pub(crate) fn encode_flow(&self, images: &Tensor) -> Result<[Tensor; 3], NetError> {
+        let (n, _, h, w) = images.size4()?;
+        let method = "encode_flow";
+        let expected = "(images (N, 3, H, W)) → three tensors at H/2, H/4, H/8";
+        let answer = self.module.method_is(method, &[&IValue::Tensor(images.shallow_clone())]);
+        let levels = answer.and_then(<(Tensor, Tensor, Tensor)>::try_from);
+        let (half, quarter, eighth) = levels.map_err(|source| self.failed(method, expected, source))?;
+        for (level, scale) in [(&half, 2), (&quarter, 4), (&eighth, 8)] {
+            self.check(method, level, &[Some(n), None, Some(h / scale), Some(w / scale)])?;
+        }
+        Ok([half, quarter, eighth])
+    }
+
+    /// Reference (1, C, h, w), warped source (D, C, h, w), plane coordinates in [0, 1] (D) → features of
+    /// the pair (D, C', h, w).
+    pub(crate) fn relate(&self, reference: &Tensor, source: &Tensor, depth: &Tensor) -> Result<Tensor, NetError> {
+        let (d, _, h, w) = source.size4()?;
+        let expected = "(ref (1, C, h, w), src (D, C, h, w), depth (D)) → (D, C', h, w)";
+        let related = self.call("relate", expected, &[reference, source, depth])?;
+        self.check("relate", &related, &[Some(d), None, Some(h), Some(w)])?;
+        Ok(related)
+    }
+
+    /// Pair features pooled over the planes (1, C', h, w) → visibility in [0, 1] (1, 1, h, w).
+    pub(crate) fn visibility(&self, pooled: &Tensor) -> Result<Tensor, NetError> {
+        let (n, _, h, w) = pooled.size4()?;
+        let mask = self.call("visibility", "(pooled (N, C', h, w)) → (N, 1, h, w)", &[pooled])?;
+        self.check("visibility", &mask, &[Some(n), Some(1), Some(h), Some(w)])?;
+        Ok(mask)
+    }
+
+    /// (1, C', D, h, w) → costs (1, D, h, w).
+    pub(crate) fn regularize(&self, volume: &Tensor) -> Result<Tensor, NetError> {
+        let (n, _, d, h, w) = volume.size5()?;
+        let costs = self.call("regularize", "(volume (B, C', D, h, w)) → (B, D, h, w)", &[volume])?;
+        self.check("regularize", &costs, &[Some(n), Some(d), Some(h), Some(w)])?;
+        Ok(costs)
+    }
+
+    /// Fetched features of the reference and of a source view (B, C, P) each → (B, C'', P).
+    pub(crate) fn relate_flow(&self, reference: &Tensor, source: &Tensor) -> Result<Tensor, NetError> {
+        let (b, _, p) = source.size3()?;
+        let expected = "(ref (B, C, P), src (B, C, P)) → (B, C'', P)";
+        let related = self.call("relate_flow", expected, &[reference, source])?;
+        self.check("relate_flow", &related, &[Some(b), None, Some(p)])?;
+        Ok(related)
+    }
+
+    /// Features (B, C'' + 24, P) and neighbours' indices (B, P, k) → scores (B, P), low is likely.
+    pub(crate) fn flow(&self, features: &Tensor, neighbours: &Tensor) -> Result<Tensor, NetError> {
+        let (b, _, p) = features.size3()?;
+        let expected = "(features (B, C'' + 24, P), neighbours (B, P, k)) → (B, P)";
+        let scores = self.call("flow", expected, &[features, neighbours])?;
+        self.check("flow", &scores, &[Some(b), Some(p)])?;
+        Ok(scores)
+    }
+
+    fn call(&self, method: &'static str, expected: &'static str, inputs: &[&Tensor]) -> Result<Tensor, NetError> {
+        self.module.method_ts(method, inputs).map_err(|source| self.failed(method, expected, source))
+    }
+
+    fn failed(&self, method: &'static str, expected: &'static str, source: TchError) -> NetError {
+        NetError::Method { module: self.name.clone(), method, expected, source }
+    }
+
+    /// Checks a shape; `None` stands for any number of channels.
+    fn check(&self, method: &'static str, tensor: &Tensor, expected: &[Option<i64>]) -> Result<(), NetError> {
+        let found = tensor.size();
+        let fits = found.len() == expected.len()
+            && found.iter().zip(expected).all(|(found, expected)| expected.is_none_or(|e| e == *found));
+        if fits {
+            return Ok(());
+        }
+        let names: Vec<_> =
+            expected.iter().map(|side| side.map_or("C".to_owned(), |side| side.to_string())).collect();
+        Err(NetError::Shape {
+            module: self.name.clone(),
+            method,
+            expected: format!("({})", names.join(", ")),
+            found,
+        })
+    }
+}
+
+/// Channels of a point's normalised position: x, y, z, repeated (section 3.3).
+pub(crate) const POSITION_CHANNELS: i64 = 24;

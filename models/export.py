@@ -1,0 +1,26 @@
+"""Exports the networks as TorchScript: `python export.py photometric OUT.pt`, `python export.py vis-max OUT.pt`."""
+
+import argparse
+
+import torch
+
+from layers import NORMS
+from photometric import Photometric
+from va_point_mvsnet import AGGREGATIONS, VaPointMvsNet
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("network", choices=("photometric", *AGGREGATIONS))
+    parser.add_argument("out", help="the .pt file to write")
+    parser.add_argument("--norm", choices=NORMS, default="batch", help="normalisation of the learned networks")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
+    arguments = parser.parse_args()
+    torch.manual_seed(arguments.seed)
+    photometric = arguments.network == "photometric"
+    module = Photometric() if photometric else VaPointMvsNet(arguments.network, arguments.norm)
+    torch.jit.script(module.eval()).save(arguments.out)
+
+
+if __name__ == "__main__":
+    main()

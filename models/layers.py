@@ -1,0 +1,115 @@
+"""Layers shared by the networks: convolution, normalisation and ReLU in 1D, 2D and 3D.
+
+In evaluation mode a BatchNorm is an affine map, so it is folded into the convolution's weights as
+they are used: one pass over the data instead of three. In training mode it is an ordinary BatchNorm.
+"""
+
+from typing import Final, Optional
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+NORMS = ("batch", "group")
+
+
+def normalisation(kind: str, channels: int, dims: int) -> nn.Module:
+    """`batch`: BatchNorm. `group`: GroupNorm, the same in both modes and for any batch size."""
+    if kind == "batch":
+        return (nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d)[dims - 1](channels)
+    if kind == "group":
+        return nn.GroupNorm(max(1, channels // 8), channels)
+    raise ValueError(f"normalisation must be one of {NORMS}, not {kind!r}")
+
+
+def scale_shift(weight: Tensor, bias: Tensor, mean: Optional[Tensor], var: Optional[Tensor]) -> tuple[Tensor, Tensor]:
+    """BatchNorm in evaluation mode as x → x · scale + shift."""
+    assert mean is not None and var is not None
+    scale = weight * torch.rsqrt(var + 1e-5)  # PyTorch's default epsilon
+    return scale, bias - mean * scale
+
+
+class Conv1d(nn.Module):
+    """A layer of a shared MLP: (B, C, P) → (B, C', P)."""
+
+    batch: Final[bool]
+
+    def __init__(self, c_in: int, c_out: int, norm: str) -> None:
+        super().__init__()
+        self.batch = norm == "batch"
+        self.conv = nn.Conv1d(c_in, c_out, 1, bias=False)
+        self.norm = normalisation(norm, c_out, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        if self.batch:
+            if not self.training:
+                n = self.norm
+                scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
+                return F.conv1d(x, self.conv.weight * scale[:, None, None], shift).relu_()
+        return F.relu(self.norm(self.conv(x)))
+
+
+class Conv2d(nn.Module):
+    """(B, C, H, W) → (B, C', H/stride, W/stride)."""
+
+    batch: Final[bool]
+
+    def __init__(self, c_in: int, c_out: int, kernel: int, stride: int, norm: str) -> None:
+        super().__init__()
+        self.batch = norm == "batch"
+        self.stride = stride
+        self.padding = kernel // 2
+        self.conv = nn.Conv2d(c_in, c_out, kernel, stride, kernel // 2, bias=False)
+        self.norm = normalisation(norm, c_out, 2)
+
+    def forward(self, x: Tensor) -> Tensor:
+        if self.batch:
+            if not self.training:
+                n = self.norm
+                scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
+                weight = self.conv.weight * scale[:, None, None, None]
+                return F.conv2d(x, weight, shift, self.stride, self.padding).relu_()
+        return F.relu(self.norm(self.conv(x)))
+
+
+class Conv3d(nn.Module):
+    """3×3×3: (B, C, D, H, W) → (B, C', D/stride, H/stride, W/stride)."""
+
+    batch: Final[bool]
+
+    def __init__(self, c_in: int, c_out: int, stride: int, norm: str) -> None:
+        super().__init__()
+        self.batch = norm == "batch"
+        self.stride = stride
+        self.conv = nn.Conv3d(c_in, c_out, 3, stride, 1, bias=False)
+        self.norm = normalisation(norm, c_out, 3)
+
+    def forward(self, x: Tensor) -> Tensor:
+        if self.batch:
+            if not self.training:
+                n = self.norm
+                scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
+                weight = self.conv.weight * scale[:, None, None, None, None]
+                return F.conv3d(x, weight, shift, self.stride, 1).relu_()
+        return F.relu(self.norm(self.conv(x)))
+
+
+class Deconv3d(nn.Module):
+    """Transposed 3×3×3 convolution that doubles each side: (B, C, D, H, W) → (B, C', 2D, 2H, 2W)."""
+
+    batch: Final[bool]
+
+    def __init__(self, c_in: int, c_out: int, norm: str) -> None:
+        super().__init__()
+        self.batch = norm == "batch"
+        self.conv = nn.ConvTranspose3d(c_in, c_out, 3, 2, 1, 1, bias=False)
+        self.norm = normalisation(norm, c_out, 3)
+
+    def forward(self, x: Tensor) -> Tensor:
+        if self.batch:
+            if not self.training:
+                n = self.norm
+                scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
+                weight = self.conv.weight * scale[None, :, None, None, None]
+                return F.conv_transpose3d(x, weight, shift, 2, 1, 1).relu_()
+        return F.relu(self.norm(self.conv(x)))
