@@ -1,2 +1,39 @@
-//! .
-fn main() {}
+//! What the repository needs done beside building: `cargo xtask COMMAND`.
+
+mod libtorch;
+mod pip;
+mod setup;
+mod step;
+mod test;
+mod unpack;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+/// Set-up, tests and demonstrations of the repository.
+#[derive(Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+enum Command {
+    Setup(setup::Setup),
+    Test(test::Test),
+}
+
+fn main() -> ExitCode {
+    let done = match Command::parse() {
+        Command::Setup(setup) => setup.run(),
+        Command::Test(test) => test.run(),
+    };
+    if let Err(error) = &done {
+        eprintln!("error: {error:#}");
+    }
+    ExitCode::from(u8::from(done.is_err()))
+}
+
+/// The repository's root folder.
+fn root() -> PathBuf {
+    let mut root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    root.pop();
+    root
+}

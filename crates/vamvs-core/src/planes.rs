@@ -5,9 +5,21 @@
 //! losses live in this coordinate, so that they mean the same for every scene scale and for both
 //! spacings.
 
+use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use crate::DepthRange;
+use crate::homography::PixelTransfer;
+use crate::{DepthRange, Pinhole, Pose};
+
+/// The step between planes that [`Planes::fitting`] aims at, pixels in the source views: half a pixel
+/// of the cost volume at 1/8.
+const PIXELS_PER_PLANE: f64 = 4.0;
+
+/// Fewest planes that [`Planes::fitting`] gives.
+const FEWEST: usize = 32;
+
+/// Ratio of far to near above which equal steps of depth would waste planes far away.
+const WIDE_RATIO: f64 = 3.0;
 
 /// What is uniform between the planes of a sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,6 +65,25 @@ impl Planes {
         t * (self.count - 1) as f64
     }
 
+    /// Planes for a range as seen by cameras: so many, up to `most`, that in the sources' images two of
+    /// them are about four pixels apart; uniform in inverse depth if the range is wide (far beyond
+    /// three times near).
+    #[must_use]
+    pub fn fitting(
+        range: DepthRange,
+        reference: (&Pinhole, &Pose),
+        sources: &[(&Pinhole, &Pose)],
+        most: usize,
+    ) -> Self {
+        let mut spans: Vec<_> = sources.iter().filter_map(|source| image_span(range, reference, *source)).collect();
+        spans.sort_by(f64::total_cmp);
+        let span = spans.get(spans.len() / 2).copied().unwrap_or(0.0);
+        let count = (span / PIXELS_PER_PLANE).ceil().min(most as f64) as usize + 1;
+        let count = count.next_multiple_of(8).clamp(FEWEST, most.max(FEWEST));
+        let wide = range.far > WIDE_RATIO * range.near;
+        Self { range, count, spacing: if wide { Spacing::InverseDepth } else { Spacing::Depth } }
+    }
+
     /// The depths of all planes, nearest first.
     #[must_use]
     pub fn depths(&self) -> Vec<f64> {
@@ -60,9 +91,47 @@ impl Planes {
     }
 }
 
+/// Pixels between the images, in the source view, of the ends of a reference ray's range: the median
+/// over a 3×3 lattice of rays; `None` if no ray is before the source at both ends.
+fn image_span(range: DepthRange, reference: (&Pinhole, &Pose), source: (&Pinhole, &Pose)) -> Option<f64> {
+    let source_from_reference = source.1.compose(&reference.1.inverse());
+    let transfer = PixelTransfer::new(reference.0, source.0, &source_from_reference);
+    let size = reference.0.size;
+    let lattice = (0..9).map(|i| {
+        let (column, row) = (f64::from(i % 3), f64::from(i / 3));
+        Vector2::new((column + 0.5) / 3.0 * size.width as f64, (row + 0.5) / 3.0 * size.height as f64)
+    });
+    let mut spans: Vec<_> = lattice
+        .filter_map(|pixel| {
+            let (near, _) = transfer.project(&pixel, range.near)?;
+            let (far, _) = transfer.project(&pixel, range.far)?;
+            Some((near - far).norm())
+        })
+        .collect();
+    spans.sort_by(f64::total_cmp);
+    spans.get(spans.len() / 2).copied()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Intrinsics, Size};
+    use nalgebra::Vector3;
+
+    #[test]
+    fn neighbouring_planes_are_four_pixels_apart_in_the_source() {
+        let camera = Pinhole {
+            size: Size::new(800, 600),
+            intrinsics: Intrinsics { fx: 1000.0, fy: 1000.0, cx: 400.0, cy: 300.0 },
+        };
+        let (here, aside) = (Pose::identity(), Pose { translation: Vector3::new(-1.0, 0.0, 0.0), ..Pose::identity() });
+        let range = DepthRange { near: 2.0, far: 10.0 };
+        // A rectified pair: disparity 1000 · 1 · (1/2 − 1/10) = 400 pixels.
+        let planes = Planes::fitting(range, (&camera, &here), &[(&camera, &aside)], 256);
+        assert_eq!((planes.count, planes.spacing), (104, Spacing::InverseDepth));
+        assert_eq!(Planes::fitting(range, (&camera, &here), &[(&camera, &aside)], 64).count, 64);
+        assert_eq!(Planes::fitting(range, (&camera, &here), &[(&camera, &here)], 64).count, FEWEST);
+    }
 
     #[test]
     fn both_spacings_begin_near_end_far_and_invert() {

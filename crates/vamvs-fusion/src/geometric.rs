@@ -66,7 +66,8 @@ impl Pair {
         Self {
             source_view,
             to_source: PixelTransfer::new(&reference.camera, &source.camera, &source_from_reference).into(),
-            to_reference: PixelTransfer::new(&source.camera, &reference.camera, &reference_from_source).into(),
+            to_reference: PixelTransfer::new(&source.camera, &reference.camera, &reference_from_source)
+                .into(),
             reference_from_source,
             source,
             max_reprojection: options.max_reprojection,
@@ -191,5 +192,66 @@ impl<'a> RoiTest<'a> {
     fn contains(&self, pixel: Vector2<f32>, inverse_depth: f32) -> bool {
         let ray = self.reference.camera.intrinsics.ray(&pixel.cast());
         self.roi.contains(&self.world_from_cam.transform(&(ray / f64::from(inverse_depth))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::FusionView;
+    use vamvs_core::{DepthMap, Grid, Intrinsics, Pinhole, Size};
+
+    const SIZE: Size = Size::new(80, 60);
+
+    /// A camera at (x, 0, 0) that looks along z and sees the same depth everywhere.
+    fn wall(x: f64, depth: f32, options: &FuseOptions) -> FilteredView {
+        let intrinsics = Intrinsics { fx: 100.0, fy: 100.0, cx: 40.0, cy: 30.0 };
+        let map = DepthMap {
+            camera: Pinhole { size: SIZE, intrinsics },
+            cam_from_world: Pose { translation: Vector3::new(-x, 0.0, 0.0), ..Pose::identity() },
+            depth: Grid::filled(SIZE, depth),
+            confidence: Grid::filled(SIZE, 1.0),
+            coarse_confidence: None,
+        };
+        let view = FusionView { map, colour: Grid::filled(SIZE, [0; 3]), mask: None };
+        FilteredView::new(0, view, options).unwrap()
+    }
+
+    /// Whether a camera one unit beside agrees on a wall at depth 4 that it sees at 4 (1 + error).
+    fn agrees(error: f32, max_reprojection: f32, max_relative_depth: f32) -> bool {
+        let options = FuseOptions { max_reprojection, max_relative_depth, ..FuseOptions::default() };
+        let reference = wall(0.0, 4.0, &options);
+        let source = Arc::new(wall(1.0, 4.0 * (1.0 + error), &options));
+        Pair::new(&reference, 1, source, &options).agreement(centre(50, 30), 0.25).is_some()
+    }
+
+    #[test]
+    fn both_the_way_back_and_the_depth_are_bounded() {
+        // The disparity is 25 pixels, so 3 % of depth are 0.75 · 1/1.03 = 0.728 pixels of the way.
+        for (error, way) in [(0.03, 0.7281), (-0.03, 0.7732), (0.002, 0.0499)] {
+            assert!(agrees(error, way + 1e-3, 0.05) && !agrees(error, way - 1e-3, 0.05), "{error}");
+            let depth = error.abs();
+            assert!(agrees(error, 2.0, depth + 1e-5) && !agrees(error, 2.0, depth - 1e-5), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_the_source_does_not_see_gets_no_agreement() {
+        let options = FuseOptions::default();
+        let (reference, source) = (wall(0.0, 4.0, &options), Arc::new(wall(1.0, 4.0, &options)));
+        let pair = Pair::new(&reference, 1, source, &options);
+        assert!(pair.agreement(centre(25, 30), 0.25).is_some());
+        assert!(pair.agreement(centre(24, 30), 0.25).is_none(), "25 pixels to the left is outside");
+        assert!(pair.agreement(centre(50, 30), -0.25).is_none(), "behind the camera");
+    }
+
+    #[test]
+    fn a_match_lies_where_the_source_sees_it() {
+        let options = FuseOptions::default();
+        let (reference, source) = (wall(0.0, 4.0, &options), Arc::new(wall(1.0, 4.02, &options)));
+        let found = Pair::new(&reference, 1, source, &options).agreement(centre(50, 30), 0.25).unwrap();
+        // Seen at x = 25.5, 0.145 left of the source's axis per unit of depth.
+        let expected = Vector3::new(1.0 - 0.145 * 4.02, 0.005 * 4.02, 4.02);
+        assert!((found.x_in_reference(&reference) - expected).norm() < 1e-5);
     }
 }

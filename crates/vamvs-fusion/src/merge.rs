@@ -106,7 +106,10 @@ impl Mean {
         normal: &Vector3<f32>,
     ) {
         self.position += position;
-        self.normal += normal;
+        // The back of a thin sheet must not cancel its front.
+        if self.normal.dot(normal) >= 0.0 {
+            self.normal += normal;
+        }
         for (sum, channel) in self.colour.iter_mut().zip(view.colour[pixel]) {
             *sum += f32::from(channel);
         }

@@ -38,17 +38,19 @@ struct Moments {
 }
 
 impl Moments {
+    /// Adds a pixel, or nothing if `counts` is 0: branches here would take most of the time.
     #[inline]
-    fn add(&mut self, x: f32, y: f32, w: f32) {
-        self.n += 1.0;
-        self.x += x;
-        self.y += y;
-        self.xx += x * x;
-        self.xy += x * y;
-        self.yy += y * y;
-        self.w += w;
-        self.xw += x * w;
-        self.yw += y * w;
+    fn add(&mut self, counts: f32, x: f32, y: f32, w: f32) {
+        let (cx, cy) = (counts * x, counts * y);
+        self.n += counts;
+        self.x += cx;
+        self.y += cy;
+        self.xx += cx * x;
+        self.xy += cx * y;
+        self.yy += cy * y;
+        self.w += counts * w;
+        self.xw += cx * w;
+        self.yw += cy * w;
     }
 
     /// The least-squares slopes along x and y; `None` if the pixels lie on a line.
@@ -68,15 +70,16 @@ impl Moments {
 fn slopes(view: &FilteredView, x: usize, y: usize) -> Option<[f32; 2]> {
     let size = view.size();
     let middle = view.inverse_depth[(x, y)];
+    let step = view.edge_step * middle;
     let mut moments = Moments::default();
     let (left, right) = (x.saturating_sub(RADIUS), (x + RADIUS).min(size.width - 1));
     for j in y.saturating_sub(RADIUS)..=(y + RADIUS).min(size.height - 1) {
         let row = &view.inverse_depth.row(j)[left..=right];
         for (i, &w) in (left..).zip(row) {
             let steps = i.abs_diff(x).max(j.abs_diff(y)) as f32;
-            if w > 0.0 && (w - middle).abs() <= steps * view.edge_step * middle {
-                moments.add(i as f32 - x as f32, j as f32 - y as f32, w - middle);
-            }
+            let same_surface = w > 0.0 && (w - middle).abs() <= steps * step;
+            let counts = f32::from(u8::from(same_surface));
+            moments.add(counts, i as f32 - x as f32, j as f32 - y as f32, w - middle);
         }
     }
     moments.slopes()

@@ -70,7 +70,12 @@ impl FuseOptions {
         };
         let (reprojection, depth) = (self.max_reprojection, self.max_relative_depth);
         let (fine, coarse) = (self.min_confidence, self.min_coarse_confidence);
-        check(positive(reprojection), "max-reprojection", "a positive number of pixels", reprojection.into())?;
+        check(
+            positive(reprojection),
+            "max-reprojection",
+            "a positive number of pixels",
+            reprojection.into(),
+        )?;
         check(positive(depth) && depth < 1.0, "max-relative-depth", "between 0 and 1", depth.into())?;
         check((1.0..=255.0).contains(&views), "min-views", "from 1 to 255", views)?;
         check(share(fine), "min-confidence", "from 0 to 1", fine.into())?;

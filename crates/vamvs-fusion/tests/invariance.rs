@@ -22,11 +22,18 @@ fn noisy_views() -> Vec<FusionView> {
     views
 }
 
+#[allow(clippy::unwrap_used)]
 fn fused(views: &[FusionView], cache_bytes: usize) -> (Cloud, FuseReport) {
     let neighbours = all_others(views.len());
     let options = FuseOptions::default();
-    fuse_to_cloud(&FuseJob { source: views, neighbours: &neighbours, options: &options, roi: None, cache_bytes })
-        .unwrap()
+    fuse_to_cloud(&FuseJob {
+        source: views,
+        neighbours: &neighbours,
+        options: &options,
+        roi: None,
+        cache_bytes,
+    })
+    .unwrap()
 }
 
 #[test]

@@ -13,6 +13,7 @@ const SIZE: Size = Size::new(96, 72);
 const FINE: Size = Size::new(192, 144);
 const DISTANCE: f64 = 4.0;
 
+#[allow(clippy::unwrap_used)]
 fn fuse(views: &[FusionView], options: &FuseOptions, roi: Option<Roi>) -> (Cloud, FuseReport) {
     let neighbours = all_others(views.len());
     fuse_to_cloud(&FuseJob { source: views, neighbours: &neighbours, options, roi, cache_bytes: 1 << 30 })
@@ -46,19 +47,24 @@ fn points_and_normals_are_those_of_the_surface() {
         let views = views(surface, 5, FINE, DISTANCE);
         let (cloud, _) = fuse(&views, &FuseOptions::default(), None);
         assert!(cloud.len() > 6000, "{surface:?}: {} points", cloud.len());
-        let mut bent = 0;
+        let is_plane = matches!(surface, Surface::Plane(_));
+        let (mut off, mut bent) = (0, 0);
         for point in &cloud {
             let x = Vector3::from(point.x_in_world);
             let error = surface.distance(&x).abs() / DISTANCE;
-            assert!(error < 1e-4, "{surface:?}: {error} at {x}");
+            assert!(error < if is_plane { 1e-6 } else { 1e-3 }, "{surface:?}: {error} at {x}");
+            off += usize::from(error > 1e-4);
             let normal = Vector3::from(point.normal).cast::<f64>();
             assert!((normal.norm() - 1.0).abs() < 1e-6);
             bent += usize::from(normal.dot(&surface.normal(&x)) < f64::to_radians(degrees).cos());
             assert!((3..=5).contains(&point.views) && point.confidence == 1.0);
         }
-        // Where sphere and plane or sphere and nothing meet, a normal has few pixels to go by.
-        let share = bent as f64 / cloud.len() as f64;
-        assert!(share <= if matches!(surface, Surface::Plane(_)) { 0.0 } else { 0.03 }, "{share}");
+        // At the sphere's outline surfaces end or curve strongly within a pixel.
+        let [off, bent] = [off, bent].map(|count| count as f64 / cloud.len() as f64);
+        assert!(
+            if is_plane { off == 0.0 && bent == 0.0 } else { off < 0.005 && bent < 0.03 },
+            "{off}, {bent}"
+        );
     }
 }
 
@@ -101,11 +107,12 @@ fn outliers_of_one_map_vanish() {
         *depth *= [1.0, 1.0, 1.1, 0.7, 1.03][i * i % 5];
     }
     let (cloud, report) = fuse(&views, &FuseOptions::default(), None);
-    for x in positions(&cloud) {
-        let error = surface.distance(&x).abs() / DISTANCE;
-        assert!(error < 1e-4, "{error} at {x}");
-    }
-    assert!(cloud.len() as f64 > 0.97 * clean as f64, "the other views still make the points");
+    let errors = positions(&cloud).into_iter().map(|x| surface.distance(&x).abs() / DISTANCE);
+    let (off, worst) = errors.fold((0, 0.0), |(off, worst), e| (off + usize::from(e > 1e-4), e.max(worst)));
+    // A wrong depth may come within 1 % of another place of the surface and count there, among three.
+    assert!(worst < 0.01 / 3.0, "{worst}");
+    assert!((off as f64) < 0.01 * cloud.len() as f64, "{off} of {}", cloud.len());
+    assert!(cloud.len() as f64 > 0.9 * clean as f64, "the other views still make {} of {clean}", cloud.len());
     assert!(report.views[1].inconsistent > FINE.area() as u64 / 4);
 }
 
@@ -172,8 +179,22 @@ fn views_that_see_nothing_in_common_give_no_points() {
     let views = views(tilted(), 3, SIZE, DISTANCE);
     let neighbours = vec![vec![1], vec![0], vec![]];
     let options = FuseOptions::default();
-    let job = FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
+    let job =
+        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
     let (cloud, report) = fuse_to_cloud(&job).unwrap();
     assert!(cloud.is_empty());
     assert_eq!(report.total().inconsistent, 3 * SIZE.area() as u64, "one neighbour cannot make three views");
+}
+
+#[test]
+fn pixels_that_are_not_kept_swallow_no_points() {
+    let views = views(tilted(), 4, SIZE, DISTANCE);
+    let neighbours = vec![vec![1], vec![0, 2, 3], vec![0, 1, 3], vec![0, 1, 2]];
+    let options = FuseOptions::default();
+    let job =
+        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
+    let (_, report) = fuse_to_cloud(&job).unwrap();
+    assert_eq!(report.views[0].inconsistent, SIZE.area() as u64, "one neighbour cannot make three views");
+    assert!(report.views[1].merged < SIZE.area() as u64 / 20, "although view 0 would come first");
+    assert!(report.views[1].points > SIZE.area() as u64 / 2);
 }

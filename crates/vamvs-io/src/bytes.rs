@@ -23,7 +23,12 @@ impl ByteReader {
     pub(crate) fn open(path: &Path) -> Result<Self, IoError> {
         let file = File::open(path).map_err(IoError::system("open", path))?;
         let length = file.metadata().map_err(IoError::system("inspect", path))?.len();
-        Ok(Self { path: path.to_owned(), inner: BufReader::with_capacity(1 << 16, file), position: 0, length })
+        Ok(Self {
+            path: path.to_owned(),
+            inner: BufReader::with_capacity(1 << 16, file),
+            position: 0,
+            length,
+        })
     }
 
     /// Bytes read so far.
@@ -110,7 +115,8 @@ impl ByteReader {
         if count <= remaining {
             return Ok(());
         }
-        let problem = format!("{what}: expected {count} more bytes, found {remaining}; the file is truncated");
+        let problem =
+            format!("{what}: expected {count} more bytes, found {remaining}; the file is truncated");
         Err(self.malformed(self.position, problem))
     }
 }

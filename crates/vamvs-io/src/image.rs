@@ -13,7 +13,8 @@ use ::image::codecs::png::PngEncoder;
 use ::image::imageops::{self, FilterType};
 use ::image::metadata::Orientation;
 use ::image::{
-    DynamicImage, ExtendedColorType, ImageBuffer, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Limits,
+    DynamicImage, ExtendedColorType, ImageBuffer, ImageDecoder, ImageEncoder, ImageFormat, ImageReader,
+    Limits,
 };
 use vamvs_core::{Camera, Grid, Rgb, Size};
 
@@ -68,18 +69,10 @@ pub fn load_rgb(path: &Path) -> Result<Grid<Rgb>, IoError> {
 pub fn load_for_camera(path: &Path, camera: &Camera) -> Result<(LoadedImage, Camera), IoError> {
     let (mut image, orientation) = decode(path)?;
     let stored = size_of(&image);
-    let rotated = if turns_sideways(orientation) { Size::new(stored.height, stored.width) } else { stored };
-    let fits = |size: &Size| *size == camera.size;
-    let resembles = |size: &Size| aspect_agrees(*size, camera.size);
-    let candidates = [stored, rotated];
-    let size = candidates.into_iter().find(fits).or_else(|| candidates.into_iter().find(resembles));
-    let mismatch = || IoError::SizeMismatch {
-        path: path.to_owned(),
-        image: stored,
-        of: "camera",
-        expected: camera.size,
+    let Some(size) = fitting_size(stored, orientation, camera.size) else {
+        let (path, expected) = (path.to_owned(), camera.size);
+        return Err(IoError::SizeMismatch { path, image: stored, of: "camera", expected });
     };
-    let size = size.ok_or_else(mismatch)?;
     let rotate = size != stored;
     if rotate {
         image.apply_orientation(orientation);
@@ -87,6 +80,15 @@ pub fn load_for_camera(path: &Path, camera: &Camera) -> Result<(LoadedImage, Cam
     let mut loaded = convert(image, rotate);
     loaded.note = (size != camera.size).then(|| resized_note(path, size, camera.size));
     Ok((loaded, camera.resized(size)))
+}
+
+/// The stored or, by its orientation, the upright size of an image: the one that is the camera's, or
+/// else the one that has the camera's aspect ratio.
+fn fitting_size(stored: Size, orientation: Orientation, camera: Size) -> Option<Size> {
+    let sideways = turns_sideways(orientation);
+    let upright = if sideways { Size::new(stored.height, stored.width) } else { stored };
+    let find = |fits: fn(Size, Size) -> bool| [stored, upright].into_iter().find(|&size| fits(size, camera));
+    find(|size, camera| size == camera).or_else(|| find(aspect_agrees))
 }
 
 fn resized_note(path: &Path, image: Size, camera: Size) -> String {
@@ -104,10 +106,17 @@ pub fn stored_size(path: &Path) -> Result<Size, IoError> {
     if reader.format() == Some(ImageFormat::Jpeg)
         && let Ok(Some(size)) = jpeg::size(&mut open()?)
     {
-        return Ok(size);
+        return require_pixels(path, size);
     }
     let (width, height) = reader.into_dimensions().map_err(refused(path))?;
-    Ok(Size::new(width as usize, height as usize))
+    require_pixels(path, Size::new(width as usize, height as usize))
+}
+
+fn require_pixels(path: &Path, size: Size) -> Result<Size, IoError> {
+    if size.area() > 0 {
+        return Ok(size);
+    }
+    Err(IoError::malformed(path, Place::Whole, format!("expected an image with pixels, found {size}")))
 }
 
 /// The image enlarged or, without aliasing, reduced to `size` by cubic (Catmull-Rom) interpolation.
@@ -155,7 +164,9 @@ pub(crate) fn decode(path: &Path) -> Result<(DynamicImage, Orientation), IoError
         let problem = "expected an end-of-image marker, found the end of the file; the JPEG is truncated";
         return Err(IoError::malformed(path, Place::Byte(bytes.len() as u64), problem));
     }
-    decode_bytes(bytes, format).map_err(refused(path))
+    let decoded = decode_bytes(bytes, format).map_err(refused(path))?;
+    require_pixels(path, size_of(&decoded.0))?;
+    Ok(decoded)
 }
 
 fn decode_bytes(bytes: Vec<u8>, format: ImageFormat) -> ::image::ImageResult<(DynamicImage, Orientation)> {

@@ -105,7 +105,9 @@ impl<'a> Header<'a> {
         let expected = if channels == 1 { "Pf" } else { "PF" };
         let kind = self.word("kind")?;
         if kind != expected {
-            return Err(self.malformed(format!("expected {expected:?} ({channels} channels), found {kind:?}")));
+            return Err(
+                self.malformed(format!("expected {expected:?} ({channels} channels), found {kind:?}"))
+            );
         }
         let size = Size::new(self.side("width")?, self.side("height")?);
         let scale = self.scale()?;
@@ -123,9 +125,10 @@ impl<'a> Header<'a> {
     fn scale(&mut self) -> Result<f64, IoError> {
         let word = self.word("scale")?;
         let valid = |scale: &f64| scale.is_finite() && *scale != 0.0;
-        word.parse().ok().filter(valid).ok_or_else(|| {
-            self.malformed(format!("scale: expected a number other than 0, found {word:?}"))
-        })
+        word.parse()
+            .ok()
+            .filter(valid)
+            .ok_or_else(|| self.malformed(format!("scale: expected a number other than 0, found {word:?}")))
     }
 
     /// Checks that what remains is the pixels, after the line feed of a header that ends with
@@ -154,7 +157,9 @@ impl<'a> Header<'a> {
                 _ => {}
             }
             if word.len() > LONGEST_WORD {
-                return Err(self.malformed(format!("{what}: expected a word of a PFM header, found other data")));
+                return Err(
+                    self.malformed(format!("{what}: expected a word of a PFM header, found other data"))
+                );
             }
         }
         Err(self.malformed(format!("{what}: expected a word of the header, found the end of the file")))

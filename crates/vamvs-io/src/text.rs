@@ -26,8 +26,8 @@ impl TextReader {
     /// The next line without its end; `None` at the end of the file.
     pub(crate) fn next_line(&mut self) -> Result<Option<Line<'_>>, IoError> {
         self.line.clear();
-        self.number += 1;
         let read = self.inner.read_line(&mut self.line).map_err(IoError::system("read", &self.path))?;
+        self.number += usize::from(read > 0);
         let text = self.line.trim_end_matches(['\n', '\r']);
         Ok((read > 0).then_some(Line { path: &self.path, number: self.number, text }))
     }

@@ -56,6 +56,12 @@ impl Estimator {
         &self.network
     }
 
+    /// The options.
+    #[must_use]
+    pub fn options(&self) -> &EstimatorOptions {
+        &self.options
+    }
+
     /// The depth map of `reference` by comparison with `sources` on `planes`, at the scale of the last
     /// iteration (1/8 if there are none), with the camera of that size.
     ///

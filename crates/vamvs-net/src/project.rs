@@ -1,6 +1,6 @@
 //! From pixels and depths of a reference view to places in a source view's feature maps.
 
-use tch::{Kind, TchError, Tensor};
+use tch::{TchError, Tensor};
 use vamvs_core::homography::PixelTransfer;
 use vamvs_core::{Pinhole, Size};
 
@@ -166,9 +166,4 @@ pub fn depth_of(planes: &vamvs_core::Planes, u: &Tensor) -> Result<Tensor, TchEr
             inverse.f_clamp_min(0.25 / ratio)?.f_reciprocal()
         }
     }
-}
-
-/// Shape (B, h·w) of f32 zeros and the like: a shorthand for tests and stages.
-pub(crate) fn float(device: Device) -> (Kind, Device) {
-    (Kind::Float, device)
 }

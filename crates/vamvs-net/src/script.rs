@@ -89,12 +89,12 @@ impl Network {
             slab
         };
         let volume_channels = if aggregation.weighs_views() {
-            self.visibility(&related.f_amax([0], true)?)?;
+            let _mask = self.visibility(&related.f_amax([0], true)?)?;
             channels
         } else {
             related.size()[1]
         };
-        self.regularize(&Tensor::f_rand([1, volume_channels, planes, side, side], f32)?)?;
+        let _costs = self.regularize(&Tensor::f_rand([1, volume_channels, planes, side, side], f32)?)?;
         let levels = self.encode_flow(&image)?;
         let channels: i64 = levels.iter().map(|level| level.size()[1]).sum();
         let fetched = Tensor::f_rand([1, channels, points], f32)?;
@@ -103,7 +103,7 @@ impl Network {
         let features = Tensor::f_cat(&[related, Tensor::f_rand([1, POSITION_CHANNELS, points], f32)?], 1)?;
         let neighbours =
             Tensor::f_zeros([1, points, self.manifest.neighbours as i64], (Kind::Int64, self.device))?;
-        self.flow(&features, &neighbours)?;
+        let _scores = self.flow(&features, &neighbours)?;
         Ok(())
     }
 

@@ -142,8 +142,18 @@ mod tests {
         let cases: [(&str, &[f64], Intrinsics, Lens); 9] = [
             ("SIMPLE_PINHOLE", &[500.0, 320.0, 240.0], square, Lens::None),
             ("PINHOLE", &[500.0, 510.0, 320.0, 240.0], other, Lens::None),
-            ("SIMPLE_RADIAL", &[500.0, 320.0, 240.0, 0.1], square, rational([0.1, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2])),
-            ("RADIAL", &[500.0, 320.0, 240.0, 0.1, 0.2], square, rational([0.1, 0.2, 0.0, 0.0, 0.0, 0.0], [0.0; 2])),
+            (
+                "SIMPLE_RADIAL",
+                &[500.0, 320.0, 240.0, 0.1],
+                square,
+                rational([0.1, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]),
+            ),
+            (
+                "RADIAL",
+                &[500.0, 320.0, 240.0, 0.1, 0.2],
+                square,
+                rational([0.1, 0.2, 0.0, 0.0, 0.0, 0.0], [0.0; 2]),
+            ),
             (
                 "OPENCV",
                 &[500.0, 510.0, 320.0, 240.0, 0.1, 0.2, 0.3, 0.4],
@@ -162,8 +172,18 @@ mod tests {
                 other,
                 Lens::Fisheye { k: [0.1, 0.2, 0.3, 0.4] },
             ),
-            ("SIMPLE_RADIAL_FISHEYE", &[500.0, 320.0, 240.0, 0.1], square, Lens::Fisheye { k: [0.1, 0.0, 0.0, 0.0] }),
-            ("RADIAL_FISHEYE", &[500.0, 320.0, 240.0, 0.1, 0.2], square, Lens::Fisheye { k: [0.1, 0.2, 0.0, 0.0] }),
+            (
+                "SIMPLE_RADIAL_FISHEYE",
+                &[500.0, 320.0, 240.0, 0.1],
+                square,
+                Lens::Fisheye { k: [0.1, 0.0, 0.0, 0.0] },
+            ),
+            (
+                "RADIAL_FISHEYE",
+                &[500.0, 320.0, 240.0, 0.1, 0.2],
+                square,
+                Lens::Fisheye { k: [0.1, 0.2, 0.0, 0.0] },
+            ),
         ];
         for (name, values, intrinsics, lens) in cases {
             let expected = Camera { size: SIZE, intrinsics, lens };

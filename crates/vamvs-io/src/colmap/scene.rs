@@ -27,7 +27,8 @@ pub fn read_scene(model: &Path, images: &Path) -> Result<Loaded, IoError> {
     ));
     let (points, dangling) = sparse_points(&registered, &points);
     if dangling > 0 {
-        warnings.push(format!("{dangling} observations of points are in images that the model does not have"));
+        warnings
+            .push(format!("{dangling} observations of points are in images that the model does not have"));
     }
     let view = |image: Image| view(cameras[&image.camera_id], image);
     let views = registered.into_iter().map(view).collect();

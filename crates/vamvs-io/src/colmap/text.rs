@@ -65,7 +65,8 @@ fn parse_camera(line: Line) -> Result<(u32, Camera), IoError> {
         let problem = about(format!("{name} has {expected} parameters, found {word:?} after them"));
         return Err(line.malformed(problem));
     }
-    let camera = camera::camera(model, size, &parameters).map_err(|problem| line.malformed(about(problem)))?;
+    let camera =
+        camera::camera(model, size, &parameters).map_err(|problem| line.malformed(about(problem)))?;
     Ok((id, camera))
 }
 

@@ -75,7 +75,8 @@ pub fn read_cam(path: &Path, options: &Options) -> Result<Cam, IoError> {
     let cam_from_world = read_pose(&mut words)?;
     let intrinsics = read_intrinsics(&mut words, options.pixel_centre)?;
     let numbers = read_depth_line(&mut words)?;
-    let (end, warning) = range_end(&numbers, options.depth_line).map_err(|problem| words.malformed(problem))?;
+    let (end, warning) =
+        range_end(&numbers, options.depth_line).map_err(|problem| words.malformed(problem))?;
     let depth_range = match end {
         None => None,
         Some(far) => Some(range(&words, numbers[0], far)?),

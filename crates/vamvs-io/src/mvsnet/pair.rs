@@ -28,7 +28,9 @@ pub fn read_pairs(path: &Path, ids: &[u32]) -> Result<Vec<Vec<usize>>, IoError> 
     }
     match file.words.next_word()?.map(str::to_owned) {
         None => Ok(sources),
-        Some(word) => Err(file.words.malformed(format!("expected the end after {count} views, found {word:?}"))),
+        Some(word) => {
+            Err(file.words.malformed(format!("expected the end after {count} views, found {word:?}")))
+        }
     }
 }
 
@@ -63,7 +65,8 @@ impl PairReader {
     fn view(&mut self, what: &str) -> Result<usize, IoError> {
         let id: u32 = self.words.number(what)?;
         self.index_of.get(&id).copied().ok_or_else(|| {
-            self.words.malformed(format!("{what}: expected the number of a view that has a camera, found {id}"))
+            self.words
+                .malformed(format!("{what}: expected the number of a view that has a camera, found {id}"))
         })
     }
 

@@ -96,7 +96,7 @@ fn match_images<'a>(
 }
 
 /// The number of each stem: its last run of digits, or the order if those are no unique numbers.
-fn view_ids<'a>(stems: impl Iterator<Item = &'a String> + Clone) -> Vec<u32> {
+pub fn view_ids<'a>(stems: impl Iterator<Item = &'a String> + Clone) -> Vec<u32> {
     let numbers: Option<Vec<u32>> = stems.clone().map(|stem| last_number(stem)).collect();
     let unique = |ids: &Vec<u32>| ids.iter().collect::<HashSet<_>>().len() == ids.len();
     numbers.filter(unique).unwrap_or_else(|| (0..).zip(stems).map(|(order, _)| order).collect())

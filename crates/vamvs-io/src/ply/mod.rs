@@ -4,8 +4,8 @@
 //! and `views`. Coordinates are `float`, or `double` where floats would round visibly because the
 //! cloud lies far from the origin for its extent ([`Coordinates::fitting`]).
 //!
-//! Five million points are written in 0.3 s and read in 0.5 s on one core, points streaming both ways;
-//! a writer of our own that copied the fields into a buffer took as long.
+//! Both ways a point takes some 0.1 µs (five million in 0.6 s on one core), as long as with a writer that
+//! copies the fields into a buffer by itself; the library's look-up of properties by name does not show.
 
 pub mod reader;
 mod vertex;

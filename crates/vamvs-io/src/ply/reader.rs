@@ -49,7 +49,9 @@ fn check_lengths(header: &Header, remaining: u64) -> Result<(), String> {
         let needed = (element.count as u64).checked_mul(least);
         left = needed.and_then(|needed| left.checked_sub(needed)).ok_or_else(|| {
             let (name, count) = (&element.name, element.count);
-            format!("{count} elements {name:?} of at least {least} bytes are announced, {left} bytes are left")
+            format!(
+                "{count} elements {name:?} of at least {least} bytes are announced, {left} bytes are left"
+            )
         })?;
     }
     Ok(())

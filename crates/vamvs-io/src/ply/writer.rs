@@ -5,7 +5,7 @@ use std::path::Path;
 
 use ply_rs_bw::ply::{Addable, ElementDef, Encoding, Header, PropertyDef, PropertyType, ScalarType};
 use ply_rs_bw::writer::Writer;
-use vamvs_core::{Cloud, CloudPoint};
+use vamvs_core::CloudPoint;
 
 use super::vertex::{self, Vertex};
 use crate::IoError;
@@ -56,7 +56,7 @@ impl Coordinates {
 ///
 /// # Errors
 /// If the file cannot be written; then nothing has changed.
-pub fn write(path: &Path, cloud: &Cloud) -> Result<(), IoError> {
+pub fn write(path: &Path, cloud: &[CloudPoint]) -> Result<(), IoError> {
     let mut writer = PlyWriter::create(path, Coordinates::fitting(cloud))?;
     cloud.iter().try_for_each(|point| writer.push(point))?;
     writer.finish()

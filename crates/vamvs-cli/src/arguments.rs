@@ -1,0 +1,268 @@
+//! What the command line understands. Flags that are not given leave the configuration as it is.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use serde::{Deserialize, Serialize};
+
+/// Photographs with known cameras in, depth maps and one dense, coloured cloud out.
+#[derive(Debug, Parser)]
+#[command(name = "vamvs", version, arg_required_else_help = true, max_term_width = 100)]
+pub struct Arguments {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Photographs and cameras → depth maps → one cloud.
+    #[cfg(feature = "net")]
+    #[command(after_help = RECONSTRUCT_EXAMPLES)]
+    Reconstruct(ReconstructArguments),
+    /// Photographs and cameras → depth maps only.
+    #[cfg(feature = "net")]
+    #[command(after_help = "Example:\n  vamvs depth --colmap sparse/0 --images images --out out")]
+    Depth(DepthArguments),
+    /// Depth maps → one cloud: filter and merge.
+    #[command(after_help = FUSE_EXAMPLES)]
+    Fuse(FuseArguments),
+    /// What a file or folder is: weights, cloud, depth map, COLMAP model; or `device`.
+    #[command(after_help = "Examples:\n  vamvs info weights/photometric.pt\n  vamvs info out/fused.ply\n  vamvs info sparse/0\n  vamvs info device")]
+    Info(InfoArguments),
+}
+
+#[cfg(feature = "net")]
+const RECONSTRUCT_EXAMPLES: &str = "\
+Examples:
+  vamvs reconstruct --cams cams --images images --out out        MVSNet layout
+  vamvs reconstruct --colmap sparse/0 --images images --out out  COLMAP model, distorted or not
+  vamvs reconstruct --config out/run.toml --min-views 2          the same again, fused otherwise
+
+Depth maps that are in --out already, made of the same photographs, cameras and settings, are kept,
+so a run that was interrupted goes on where it was.";
+
+const FUSE_EXAMPLES: &str = "\
+Examples:
+  vamvs fuse out/depths
+  vamvs fuse out --min-views 4 --max-relative-depth 0.005 --out strict.ply";
+
+/// `reconstruct`.
+#[cfg(feature = "net")]
+#[derive(Debug, Args)]
+pub struct ReconstructArguments {
+    /// Depth estimation.
+    #[command(flatten)]
+    pub depth: DepthArguments,
+    /// Fusion.
+    #[command(flatten)]
+    pub fusion: FusionFlags,
+}
+
+/// `depth`.
+#[cfg(feature = "net")]
+#[derive(Debug, Args)]
+pub struct DepthArguments {
+    /// Where the scene is.
+    #[command(flatten)]
+    pub input: InputFlags,
+    /// How depth is estimated.
+    #[command(flatten)]
+    pub depth: DepthFlags,
+    /// What every command has.
+    #[command(flatten)]
+    pub common: CommonFlags,
+    /// Folder for depth maps, cloud and settings.
+    #[arg(short, long, default_value = "vamvs-out", value_name = "DIR")]
+    pub out: PathBuf,
+    /// Make depth maps anew even if they are there already.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `fuse`.
+#[derive(Debug, Args)]
+pub struct FuseArguments {
+    /// Folder of depth maps, as `vamvs depth` writes it: OUT or OUT/depths.
+    #[arg(value_name = "DEPTHS")]
+    pub depths: PathBuf,
+    /// The cloud to write [default: OUT/fused.ply].
+    #[arg(short, long, value_name = "FILE.ply")]
+    pub out: Option<PathBuf>,
+    /// Folder of masks: NAME.png or NAME.EXT.png, 0 = ignore.
+    #[arg(long, value_name = "DIR")]
+    pub masks: Option<PathBuf>,
+    /// Points only in this box of the world.
+    #[arg(long, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_negative_numbers = true)]
+    pub roi: Option<Vec<f64>>,
+    /// How depth maps are filtered.
+    #[command(flatten)]
+    pub fusion: FusionFlags,
+    /// What every command has.
+    #[command(flatten)]
+    pub common: CommonFlags,
+}
+
+/// `info`.
+#[derive(Debug, Args)]
+pub struct InfoArguments {
+    /// A .pt, .ply, .pfm file, a COLMAP model folder, or the word `device`.
+    #[arg(value_name = "FILE|device")]
+    pub what: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Where the scene is.
+#[cfg(feature = "net")]
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Input")]
+pub struct InputFlags {
+    /// MVSNet layout: folder of NAME_cam.txt files.
+    #[arg(long, value_name = "DIR", conflicts_with = "colmap")]
+    pub cams: Option<PathBuf>,
+    /// COLMAP model: folder with cameras, images and points3D, .txt or .bin.
+    #[arg(long, value_name = "DIR")]
+    pub colmap: Option<PathBuf>,
+    /// Folder of photographs.
+    #[arg(long, value_name = "DIR")]
+    pub images: Option<PathBuf>,
+    /// MVSNet layout: source views [default: pair.txt in or beside --cams; else chosen from the cameras].
+    #[arg(long, value_name = "FILE")]
+    pub pairs: Option<PathBuf>,
+    /// Folder of masks: NAME.png or NAME.EXT.png, 0 = ignore.
+    #[arg(long, value_name = "DIR")]
+    pub masks: Option<PathBuf>,
+    /// MVSNet layout: what the first two numbers of the depth line are [default: auto].
+    #[arg(long, value_enum)]
+    pub depth_line: Option<DepthLine>,
+    /// MVSNet layout: where the principal point is counted from [default: half].
+    #[arg(long, value_enum)]
+    pub pixel_centre: Option<PixelCentre>,
+}
+
+/// The depth line of MVSNet's camera files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DepthLine {
+    /// By the number of words.
+    #[default]
+    Auto,
+    /// `min interval …`.
+    MinInterval,
+    /// `min max …`.
+    MinMax,
+}
+
+/// Where the centre of the first pixel is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PixelCentre {
+    /// At (0.5, 0.5), as in COLMAP and MVSNet.
+    #[default]
+    Half,
+    /// At (0, 0), as in OpenCV.
+    Integer,
+}
+
+/// What is uniform between planes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Spacing {
+    /// Equal steps of depth.
+    Depth,
+    /// Equal steps of inverse depth.
+    InverseDepth,
+}
+
+/// How depth is estimated.
+#[cfg(feature = "net")]
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Depth")]
+pub struct DepthFlags {
+    /// The network, a TorchScript module [default: the built-in one].
+    #[arg(long, value_name = "FILE.pt")]
+    pub weights: Option<PathBuf>,
+    /// auto, cpu, cuda or cuda:N [default: auto].
+    #[arg(long, value_name = "DEVICE")]
+    pub device: Option<String>,
+    /// Longer side to which larger photographs are reduced, pixels [default: 1280].
+    #[arg(long, value_name = "PIXELS")]
+    pub max_size: Option<usize>,
+    /// Views compared for a depth map, the reference included [default: 5].
+    #[arg(long, value_name = "N")]
+    pub views: Option<usize>,
+    /// Depth planes of the sweep [default: from the cameras, about one every 4 pixels].
+    #[arg(long, value_name = "N")]
+    pub planes: Option<usize>,
+    /// Most planes chosen by default [default: 192].
+    #[arg(long, value_name = "N")]
+    pub max_planes: Option<usize>,
+    /// What is uniform between planes [default: inverse-depth if the range is wide, else depth].
+    #[arg(long, value_enum)]
+    pub spacing: Option<Spacing>,
+    /// Depth range of all views, scene units [default: each view's own].
+    #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"])]
+    pub depth_range: Option<Vec<f64>>,
+    /// How many of the network's flow iterations to run, the later the finer [default: all].
+    #[arg(long, value_name = "N")]
+    pub iterations: Option<usize>,
+    /// Depth only in this box of the world.
+    #[arg(long, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_negative_numbers = true)]
+    pub roi: Option<Vec<f64>>,
+}
+
+/// How depth maps are filtered.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Fusion")]
+pub struct FusionFlags {
+    /// A set of thresholds; other flags change them.
+    #[arg(long, value_enum)]
+    pub preset: Option<Preset>,
+    /// Views that must agree on a point, its own included [default: 3].
+    #[arg(long, value_name = "N")]
+    pub min_views: Option<usize>,
+    /// How far a pixel may come back from itself by way of another view, pixels [default: 1].
+    #[arg(long, value_name = "PIXELS")]
+    pub max_reprojection: Option<f32>,
+    /// How much the depth that comes back may differ, as a share [default: 0.01].
+    #[arg(long, value_name = "SHARE")]
+    pub max_relative_depth: Option<f32>,
+    /// Least confidence of the final depth, 0 to 1 [default: 0.1].
+    #[arg(long, value_name = "SHARE")]
+    pub confidence: Option<f32>,
+    /// Least confidence of the coarse depth, 0 to 1 [default: 0.2].
+    #[arg(long, value_name = "SHARE")]
+    pub coarse_confidence: Option<f32>,
+    /// Other views asked whether they agree with a view's depth [default: 10].
+    #[arg(long, value_name = "N")]
+    pub neighbours: Option<usize>,
+}
+
+/// Sets of thresholds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Preset {
+    /// Relative thresholds that fit any scene.
+    Default,
+    /// The paper's values for DTU.
+    Dtu,
+}
+
+/// What every command has.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "General")]
+pub struct CommonFlags {
+    /// Settings from a TOML file, such as OUT/run.toml; flags win.
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Threads [default: one a core].
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Print nothing but errors and warnings.
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Print a summary as JSON on standard output.
+    #[arg(long)]
+    pub json: bool,
+}

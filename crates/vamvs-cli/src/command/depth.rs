@@ -1,0 +1,114 @@
+//! `vamvs depth`: photographs and cameras to depth maps.
+
+use anyhow::{Result, bail};
+use serde_json::json;
+use vamvs::core::Scene;
+use vamvs::depth::DepthJob;
+use vamvs::net::device::{device_name, open_device};
+use vamvs::net::{Estimator, EstimatorOptions, Stage};
+use vamvs::{DepthSummary, OutputFolder, Photographs, Plan, ViewPlan, weights};
+
+use crate::arguments::DepthArguments;
+use crate::progress::Progress;
+use crate::settings::Settings;
+
+/// Runs the command.
+pub fn run(arguments: &DepthArguments) -> Result<()> {
+    let settings = settings(arguments)?;
+    let progress = Progress::new(arguments.common.quiet);
+    let summary = estimate(arguments, &settings, &progress)?;
+    progress.finish();
+    if arguments.common.json {
+        println!("{}", as_json(&summary));
+    }
+    Ok(())
+}
+
+/// The settings with all flags of the command.
+pub fn settings(arguments: &DepthArguments) -> Result<Settings> {
+    let mut settings = Settings::load(&arguments.common)?;
+    settings.apply_input(&arguments.input);
+    settings.apply_depth(&arguments.depth)?;
+    Ok(settings)
+}
+
+/// Makes the depth maps and says what was done.
+pub fn estimate(arguments: &DepthArguments, settings: &Settings, progress: &Progress) -> Result<DepthSummary> {
+    settings.use_threads()?;
+    let input = settings.input.scene()?;
+    let loaded = input.load()?;
+    loaded.warnings.iter().for_each(|warning| progress.warn(warning));
+    let photographs = Photographs::new(input.images(), settings.input.masks.as_deref(), settings.depth.max_size);
+    let plan = vamvs::plan(&loaded.scene, &photographs, &settings.depth, settings.fusion.neighbours)?;
+    let estimator = estimator(settings, progress)?;
+    say_plan(&loaded.scene, &plan, progress);
+    let job = DepthJob {
+        scene: &loaded.scene,
+        photographs: &photographs,
+        plan: &plan,
+        estimator: &estimator,
+        module: &weights::bytes(settings.weights.as_deref())?,
+        options: &settings.depth,
+        output: &OutputFolder::new(&arguments.out),
+        force: arguments.force,
+    };
+    let summary = vamvs::estimate(&job, &mut |event| progress.show(event))?;
+    settings.save(&arguments.out.join("run.toml"))?;
+    say_summary(&summary, progress);
+    Ok(summary)
+}
+
+fn estimator(settings: &Settings, progress: &Progress) -> Result<Estimator> {
+    let device = open_device(settings.device.as_deref().unwrap_or("auto"))?;
+    let network = weights::load(settings.weights.as_deref(), device)?;
+    progress.say(&format!("network {} on {}", network.manifest().name, device_name(device)));
+    let mut options = EstimatorOptions::of(&network);
+    let available = options.iterations.len();
+    let wanted = settings.depth.iterations.unwrap_or(available);
+    if wanted > available {
+        bail!("{wanted} iterations are asked for, but the network {} has {available}", network.manifest().name);
+    }
+    options.iterations.truncate(wanted);
+    Ok(Estimator::new(network, options)?)
+}
+
+/// The plan in a few lines: how many views, and the ranges with their origin.
+fn say_plan(scene: &Scene, plan: &Plan, progress: &Progress) {
+    let planned = plan.views.iter().flatten().count();
+    progress.say(&format!("{planned} of {} views will have a depth map", scene.views.len()));
+    for (view, plan) in scene.views.iter().zip(&plan.views) {
+        let Ok(ViewPlan { planes, origin, sources, .. }) = plan else { continue };
+        let origin = origin.map_or("given".to_owned(), |origin| format!("from {origin}"));
+        progress.say(&format!(
+            "{}: depth {:.4} to {:.4} ({origin}), {} planes, {} source views",
+            view.name,
+            planes.range.near,
+            planes.range.far,
+            planes.count,
+            sources.len()
+        ));
+    }
+}
+
+fn say_summary(summary: &DepthSummary, progress: &Progress) {
+    let skipped = summary.skipped.len();
+    progress.say(&format!("{} depth maps made, {} were there, {skipped} views left out", summary.made, summary.resumed));
+    let total = summary.profile.total().as_secs_f64();
+    if summary.made > 0 {
+        let stages = Stage::ALL.map(|stage| format!("{stage:?} {:.1} s", summary.profile.spent(stage).as_secs_f64()));
+        progress.say(&format!("network time {total:.1} s: {}", stages.join(", ").to_lowercase()));
+    }
+}
+
+/// The summary for scripts.
+pub fn as_json(summary: &DepthSummary) -> serde_json::Value {
+    let stages = Stage::ALL.map(|stage| {
+        (format!("{stage:?}").to_lowercase(), summary.profile.spent(stage).as_secs_f64().into())
+    });
+    json!({
+        "made": summary.made,
+        "resumed": summary.resumed,
+        "skipped": summary.skipped.iter().map(|(name, reason)| json!({"view": name, "reason": reason})).collect::<Vec<_>>(),
+        "seconds": serde_json::Map::from_iter(stages),
+    })
+}

@@ -1,0 +1,29 @@
+//! `vamvs reconstruct`: photographs and cameras to depth maps and one cloud.
+
+use anyhow::Result;
+use serde_json::json;
+use vamvs::OutputFolder;
+
+use super::{depth, fuse};
+use crate::arguments::ReconstructArguments;
+use crate::progress::Progress;
+
+/// Runs the command.
+pub fn run(arguments: &ReconstructArguments) -> Result<()> {
+    let mut settings = depth::settings(&arguments.depth)?;
+    settings.apply_fusion(&arguments.fusion);
+    settings.fusion.filter.validate()?;
+    let common = &arguments.depth.common;
+    let progress = Progress::new(common.quiet);
+    let maps = depth::estimate(&arguments.depth, &settings, &progress)?;
+    let folder = OutputFolder::new(&arguments.depth.out);
+    let fused = fuse::merge(&folder, &folder.cloud(), &settings, &progress);
+    progress.finish();
+    let fused = fused?;
+    if common.json {
+        println!("{}", json!({"depth": depth::as_json(&maps), "fusion": fuse::as_json(&fused)}));
+    } else {
+        println!("{}", folder.cloud().display());
+    }
+    Ok(())
+}

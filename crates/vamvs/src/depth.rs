@@ -1,0 +1,230 @@
+//! Depth maps of all views, kept in the output folder.
+
+use std::rc::Rc;
+use std::time::Instant;
+
+use vamvs_core::roi::PixelBox;
+use vamvs_core::{DepthMap, DepthRange, Grid, Pinhole, Rgb, Scene, Size};
+use vamvs_io::image;
+use vamvs_net::{EncodedView, Estimator, Profile};
+
+use crate::feature_cache::{Encoded, FeatureCache};
+use crate::identity::Identity;
+use crate::output::{Record, SavedMap, names};
+use crate::{DepthOptions, Event, OutputFolder, Photographs, Plan, VamvsError, ViewPlan};
+
+/// Pixels around a region of interest that are computed too, so that its border is as good as its
+/// middle.
+const REGION_MARGIN: usize = 32;
+
+/// A depth this close to an end of its range, in shares of the range, sits at that end.
+const END_SHARE: f64 = 0.01;
+
+/// Share of the depths at an end of the range above which a warning is due.
+const MANY_AT_END: f64 = 0.25;
+
+/// What became of the views.
+#[derive(Clone, Debug, Default)]
+pub struct DepthSummary {
+    /// Depth maps made now.
+    pub made: usize,
+    /// Depth maps that were there already.
+    pub resumed: usize,
+    /// Views without depth map, with the reason.
+    pub skipped: Vec<(String, String)>,
+    /// Where the time went.
+    pub profile: Profile,
+}
+
+/// What depth estimation works on.
+pub struct DepthJob<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Its photographs.
+    pub photographs: &'a Photographs,
+    /// What to do for each view.
+    pub plan: &'a Plan,
+    /// The network and its options.
+    pub estimator: &'a Estimator,
+    /// The bytes of the network's module, which the identity of depth maps depends on.
+    pub module: &'a [u8],
+    /// The user's options.
+    pub options: &'a DepthOptions,
+    /// Where depth maps go.
+    pub output: &'a OutputFolder,
+    /// Whether to make depth maps anew that are there already.
+    pub force: bool,
+}
+
+/// Estimates the depth maps of all planned views. Those that are in the output folder already, made of
+/// the same photographs, cameras, network and options, are left as they are.
+///
+/// # Errors
+/// If a photograph cannot be read, a file cannot be written, or memory runs out. Depth maps finished
+/// until then stay.
+pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<DepthSummary, VamvsError> {
+    let names = names(&job.scene.views);
+    prepare_output(job, &names)?;
+    let identity = Identity::new(
+        job.module,
+        job.estimator.options(),
+        job.options.max_size,
+        job.scene,
+        job.photographs,
+    )?;
+    let capacity = job.options.feature_cache_mib << 20;
+    let features = FeatureCache::new(job.scene, job.photographs, job.estimator.network(), capacity);
+    let mut run = Run { job, names, identity, features, summary: DepthSummary::default() };
+    run.views(on_event)?;
+    Ok(run.summary)
+}
+
+/// The output folder for the views that will have a depth map.
+fn prepare_output(job: &DepthJob, names: &[String]) -> Result<(), VamvsError> {
+    let planned: Vec<usize> = (0..names.len()).filter(|&view| job.plan.views[view].is_ok()).collect();
+    let place = |view: &usize| planned.binary_search(view).ok();
+    let sources: Vec<_> =
+        planned.iter().map(|&view| job.plan.neighbours[view].iter().filter_map(place).collect()).collect();
+    let names: Vec<&str> = planned.iter().map(|&view| names[view].as_str()).collect();
+    job.output.prepare(&names, &sources)
+}
+
+struct Run<'a> {
+    job: &'a DepthJob<'a>,
+    names: Vec<String>,
+    identity: Identity,
+    features: FeatureCache<'a>,
+    summary: DepthSummary,
+}
+
+impl Run<'_> {
+    fn views(&mut self, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
+        let total = self.job.plan.views.iter().filter(|plan| plan.is_ok()).count();
+        let mut done = 0;
+        for (view, plan) in self.job.plan.views.iter().enumerate() {
+            let name = self.job.scene.views[view].name.clone();
+            let plan = match plan {
+                Ok(plan) => plan,
+                Err(reason) => {
+                    on_event(Event::Warning(format!("{name} is left out: {reason}")));
+                    self.summary.skipped.push((name, reason.clone()));
+                    continue;
+                }
+            };
+            let begin = Instant::now();
+            let resumed = self.view(view, plan, on_event)?;
+            done += 1;
+            on_event(Event::DepthMap { name, done, total, resumed, time: begin.elapsed() });
+        }
+        Ok(())
+    }
+
+    /// Makes one depth map unless it is there; says whether it was.
+    fn view(&mut self, view: usize, plan: &ViewPlan, on_event: &mut dyn FnMut(Event)) -> Result<bool, VamvsError> {
+        let record = Record { made_of: self.identity.of(view, plan) };
+        let name = self.names[view].clone();
+        if !self.job.force && self.job.output.saved(&name).as_ref() == Some(&record) {
+            self.summary.resumed += 1;
+            return Ok(true);
+        }
+        let mut profile = Profile::default();
+        let reference = self.features.get(view, &mut profile, on_event)?;
+        let sources = plan
+            .sources
+            .iter()
+            .map(|&source| self.features.get(source, &mut profile, on_event))
+            .collect::<Result<Vec<_>, _>>()?;
+        let map = self.map(&reference, &sources, plan, &mut profile)?;
+        warn_of_range_ends(&self.job.scene.views[view].name, &map, plan.planes.range, on_event);
+        let colour = self.colour(&reference, map.depth.size());
+        let saved = SavedMap { map: &map, range: plan.planes.range, colour: &colour };
+        self.job.output.save(&name, &saved, &record)?;
+        self.summary.made += 1;
+        self.summary.profile.add(&profile);
+        Ok(false)
+    }
+
+    fn map(
+        &self,
+        reference: &Encoded,
+        sources: &[Rc<Encoded>],
+        plan: &ViewPlan,
+        profile: &mut Profile,
+    ) -> Result<DepthMap, VamvsError> {
+        let features: Vec<&EncodedView> = sources.iter().map(|source| &source.features).collect();
+        let mut map = match plan.region {
+            None => self.job.estimator.estimate(&reference.features, &features, &plan.planes, profile)?,
+            Some(region) => {
+                let (part, place) = reference.features.cropped(&widened(region, reference.photo.camera.size))?;
+                let map = self.job.estimator.estimate(&part, &features, &plan.planes, profile)?;
+                placed(&map, reference.photo.camera, place, region)
+            }
+        };
+        if let Some(mask) = &reference.photo.mask {
+            let mask = mask.resized_nearest(map.depth.size());
+            let pixels = map.depth.data_mut().iter_mut().zip(mask.data());
+            pixels.filter(|(_, counts)| !**counts).for_each(|(depth, _)| *depth = 0.0);
+        }
+        Ok(map)
+    }
+
+    /// The photograph at the depth map's size.
+    fn colour(&self, reference: &Encoded, size: Size) -> Grid<Rgb> {
+        image::resize(&reference.photo.image, size)
+    }
+}
+
+/// The region with a margin, inside the image.
+fn widened(region: PixelBox, size: Size) -> PixelBox {
+    PixelBox {
+        x0: region.x0.saturating_sub(REGION_MARGIN),
+        y0: region.y0.saturating_sub(REGION_MARGIN),
+        x1: (region.x1 + REGION_MARGIN).min(size.width),
+        y1: (region.y1 + REGION_MARGIN).min(size.height),
+    }
+}
+
+/// The map of a part of the image, at its place in a map of the whole, without depth outside of
+/// `region`.
+fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBox) -> DepthMap {
+    let scale = (camera.intrinsics.fx / part.camera.intrinsics.fx).round() as usize;
+    let size = Size::new(camera.size.width / scale, camera.size.height / scale);
+    let ratio = 1.0 / scale as f64;
+    let inside = |x: usize, y: usize| {
+        (region.x0..region.x1).contains(&(x * scale)) && (region.y0..region.y1).contains(&(y * scale))
+    };
+    let paste = |values: &Grid<f32>| {
+        Grid::from_fn(size, |x, y| {
+            let local = |at: usize, first: usize| at.checked_sub(first / scale);
+            let (x_in_part, y_in_part) = (local(x, place.x0), local(y, place.y0));
+            let value = x_in_part.zip(y_in_part).and_then(|(x, y)| values.get(x, y).copied());
+            value.filter(|_| inside(x, y)).unwrap_or(0.0)
+        })
+    };
+    DepthMap {
+        camera: Pinhole { size, intrinsics: camera.intrinsics.scaled(ratio, ratio) },
+        cam_from_world: part.cam_from_world,
+        depth: paste(&part.depth),
+        confidence: paste(&part.confidence),
+        coarse_confidence: part.coarse_confidence.as_ref().map(paste),
+    }
+}
+
+fn warn_of_range_ends(name: &str, map: &DepthMap, range: DepthRange, on_event: &mut dyn FnMut(Event)) {
+    let margin = END_SHARE * (range.far - range.near);
+    let confident = map.depth.data().iter().zip(map.confidence.data()).filter(|(d, c)| **d > 0.0 && **c > 0.5);
+    let (mut total, mut near, mut far) = (0_usize, 0_usize, 0_usize);
+    for (depth, _) in confident {
+        total += 1;
+        near += usize::from(f64::from(*depth) < range.near + margin);
+        far += usize::from(f64::from(*depth) > range.far - margin);
+    }
+    for (count, end, value) in [(near, "near", range.near), (far, "far", range.far)] {
+        if count as f64 > MANY_AT_END * total as f64 && total > 0 {
+            on_event(Event::Warning(format!(
+                "{name}: {:.0} % of the depths sit at the {end} end {value:.4} of the range: it may be too narrow (--depth-range)",
+                100.0 * count as f64 / total as f64
+            )));
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! What can go wrong between a scene and its cloud.
+
+use std::path::PathBuf;
+
+/// An error of the pipeline.
+#[derive(Debug, thiserror::Error)]
+pub enum VamvsError {
+    /// A file.
+    #[error(transparent)]
+    Io(#[from] vamvs_io::IoError),
+    /// Fusion.
+    #[error(transparent)]
+    Fuse(#[from] vamvs_fusion::FuseError),
+    /// The network.
+    #[cfg(feature = "net")]
+    #[error(transparent)]
+    Net(#[from] vamvs_net::NetError),
+    /// A view.
+    #[error("view {name}")]
+    View {
+        /// The image's name.
+        name: String,
+        /// What is wrong with it.
+        source: Box<VamvsError>,
+    },
+    /// A folder that should be an output folder is none.
+    #[error("{}: {problem}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What is missing, and what to do.
+        problem: String,
+    },
+    /// The request or the scene makes no sense.
+    #[error("{0}")]
+    Request(String),
+}
+
+impl VamvsError {
+    /// The same error, told of a view.
+    #[must_use]
+    pub fn of_view(self, name: &str) -> Self {
+        Self::View { name: name.to_owned(), source: Box::new(self) }
+    }
+}

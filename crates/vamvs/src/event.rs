@@ -1,0 +1,30 @@
+//! What the pipeline tells while it works.
+
+use std::time::Duration;
+
+/// Progress of the pipeline; front ends draw it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// Something a user should know, one sentence.
+    Warning(String),
+    /// A depth map is there.
+    DepthMap {
+        /// The view's name.
+        name: String,
+        /// How many are done, this one included.
+        done: usize,
+        /// How many there will be.
+        total: usize,
+        /// Whether it was there already, made with the same settings.
+        resumed: bool,
+        /// Time since the one before.
+        time: Duration,
+    },
+    /// Fusion went over a view: all views once to filter, then once to merge.
+    Fusion {
+        /// How many view passes are done.
+        done: usize,
+        /// How many there will be.
+        total: usize,
+    },
+}

@@ -1,0 +1,65 @@
+//! What a user can set, with defaults that work.
+
+use serde::{Deserialize, Serialize};
+use vamvs_core::{DepthRange, Roi, Spacing};
+use vamvs_fusion::FuseOptions;
+
+/// How depth maps are made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct DepthOptions {
+    /// Longer side to which larger photographs are reduced, pixels.
+    pub max_size: usize,
+    /// Views compared for a depth map, the reference included, at least 2.
+    pub views: usize,
+    /// Number of planes; by default from the cameras, see [`vamvs_core::Planes::fitting`].
+    pub planes: Option<usize>,
+    /// Largest number of planes chosen by default.
+    pub max_planes: usize,
+    /// What is uniform between the planes; by default inverse depth if the range is wide.
+    pub spacing: Option<Spacing>,
+    /// One depth range for all views, scene units; by default each view's own.
+    pub depth_range: Option<DepthRange>,
+    /// How many of the network's flow iterations are run, the later the finer; by default all.
+    pub iterations: Option<usize>,
+    /// Depth only inside this box of the world.
+    pub roi: Option<Roi>,
+    /// Memory for the features of photographs that will be needed again, MiB.
+    pub feature_cache_mib: usize,
+}
+
+impl Default for DepthOptions {
+    fn default() -> Self {
+        Self {
+            max_size: 1280,
+            views: 5,
+            planes: None,
+            max_planes: 192,
+            spacing: None,
+            depth_range: None,
+            iterations: None,
+            roi: None,
+            feature_cache_mib: 1024,
+        }
+    }
+}
+
+/// How depth maps become a cloud.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct FusionOptions {
+    /// The filters.
+    pub filter: FuseOptions,
+    /// How many other views are asked whether they agree with a view's depth.
+    pub neighbours: usize,
+    /// Points only inside this box of the world.
+    pub roi: Option<Roi>,
+    /// Memory for depth maps, MiB.
+    pub map_cache_mib: usize,
+}
+
+impl Default for FusionOptions {
+    fn default() -> Self {
+        Self { filter: FuseOptions::default(), neighbours: 10, roi: None, map_cache_mib: 2048 }
+    }
+}

@@ -1,0 +1,249 @@
+//! The output folder: MVSNet-like, `cams/NAME_cam.txt`, `depths/NAME.pfm`, `confidence/NAME.pfm`,
+//! `images/NAME.png`, `pair.txt`, `fused.ply`.
+//!
+//! NAME is the photograph's name without its extension, `__` for each `/` between folders. Cameras and
+//! photographs are undistorted and of the depth map's size, so the folder is itself a scene that this
+//! and other programs read.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use vamvs_core::{DepthMap, DepthRange, Grid, Pinhole, Rgb, View};
+use vamvs_io::{IoError, atomic, image, mvsnet, pfm};
+
+use crate::VamvsError;
+
+/// A folder of depth maps.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OutputFolder {
+    root: PathBuf,
+}
+
+/// What made a depth map, kept beside it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Record {
+    /// The hash of all that made the depth map.
+    pub made_of: String,
+}
+
+/// A depth map's files, complete.
+#[derive(Clone, Debug)]
+pub struct SavedMap<'a> {
+    /// The depth map.
+    pub map: &'a DepthMap,
+    /// The range in which depth was searched.
+    pub range: DepthRange,
+    /// The photograph at the depth map's size.
+    pub colour: &'a Grid<Rgb>,
+}
+
+impl OutputFolder {
+    /// The folder `root`, which need not exist yet.
+    #[must_use]
+    pub fn new(root: &Path) -> Self {
+        Self { root: root.to_owned() }
+    }
+
+    /// The output folder of which `path` is either the root or its `depths` folder.
+    ///
+    /// # Errors
+    /// If there are no depth maps.
+    pub fn find(path: &Path) -> Result<Self, VamvsError> {
+        let root = if path.join("depths").is_dir() {
+            path
+        } else if path.is_dir() && path.file_name().is_some_and(|name| name == "depths") {
+            path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+        } else {
+            let problem = "expected a folder with depth maps in `depths/` and cameras in `cams/`, as `vamvs depth` writes it";
+            return Err(VamvsError::Folder { path: path.to_owned(), problem: problem.to_owned() });
+        };
+        Ok(Self::new(root))
+    }
+
+    /// The folder itself.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// `cams/`.
+    #[must_use]
+    pub fn cams(&self) -> PathBuf {
+        self.root.join("cams")
+    }
+
+    /// `images/`.
+    #[must_use]
+    pub fn images(&self) -> PathBuf {
+        self.root.join("images")
+    }
+
+    /// `depths/NAME.pfm`.
+    #[must_use]
+    pub fn depth(&self, name: &str) -> PathBuf {
+        self.file("depths", name, ".pfm")
+    }
+
+    /// `confidence/NAME.pfm`: of the final depth.
+    #[must_use]
+    pub fn confidence(&self, name: &str) -> PathBuf {
+        self.file("confidence", name, ".pfm")
+    }
+
+    /// `confidence/NAME.coarse.pfm`: of the coarse stage.
+    #[must_use]
+    pub fn coarse_confidence(&self, name: &str) -> PathBuf {
+        self.file("confidence", name, ".coarse.pfm")
+    }
+
+    /// `pair.txt`.
+    #[must_use]
+    pub fn pairs(&self) -> PathBuf {
+        self.root.join("pair.txt")
+    }
+
+    fn cam(&self, name: &str) -> PathBuf {
+        self.file("cams", name, "_cam.txt")
+    }
+
+    fn image(&self, name: &str) -> PathBuf {
+        self.file("images", name, ".png")
+    }
+
+    fn record(&self, name: &str) -> PathBuf {
+        self.file("depths", name, ".json")
+    }
+
+    fn file(&self, folder: &str, name: &str, end: &str) -> PathBuf {
+        self.root.join(folder).join(format!("{name}{end}"))
+    }
+
+    /// Makes the folders, and `pair.txt` for views of these names: for each its source views, indices
+    /// into `names`.
+    ///
+    /// # Errors
+    /// If a folder or file cannot be made, or the folder holds depth maps of other views.
+    pub fn prepare(&self, names: &[&str], sources: &[Vec<usize>]) -> Result<(), VamvsError> {
+        self.expect_only(names)?;
+        for folder in ["cams", "images", "depths", "confidence"].map(|folder| self.root.join(folder)) {
+            std::fs::create_dir_all(&folder).map_err(|source| IoError::System {
+                action: "make the folder",
+                path: folder.clone(),
+                source,
+            })?;
+        }
+        let sorted: BTreeMap<String, usize> = (0..names.len()).map(|view| (names[view].to_owned(), view)).collect();
+        let mut ids = vec![0; names.len()];
+        for (&view, id) in sorted.values().zip(mvsnet::view_ids(sorted.keys())) {
+            ids[view] = id;
+        }
+        Ok(mvsnet::write_pairs(&self.pairs(), &ids, sources)?)
+    }
+
+    /// Depth maps of other views in the same folder would be fused with these.
+    fn expect_only(&self, names: &[&str]) -> Result<(), VamvsError> {
+        let expected: HashSet<_> = names.iter().map(|name| format!("{name}_cam.txt")).collect();
+        let Ok(entries) = std::fs::read_dir(self.cams()) else { return Ok(()) };
+        let found = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+        match found.into_iter().find(|file| file.ends_with("_cam.txt") && !expected.contains(file)) {
+            None => Ok(()),
+            Some(file) => Err(VamvsError::Folder {
+                path: self.cams(),
+                problem: format!("{file} is of a view that this run does not make: choose another --out, or remove the old one"),
+            }),
+        }
+    }
+
+    /// Saves a depth map with all that belongs to it; the record comes last, so that a depth map with a
+    /// record is complete.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn save(&self, name: &str, saved: &SavedMap, record: &Record) -> Result<(), VamvsError> {
+        let map = saved.map;
+        remove(&self.record(name))?;
+        mvsnet::write_cam(&self.cam(name), &map.camera, &map.cam_from_world, Some(saved.range))?;
+        image::save_png_rgb(&self.image(name), saved.colour)?;
+        pfm::write(&self.confidence(name), &map.confidence)?;
+        if let Some(coarse) = &map.coarse_confidence {
+            pfm::write(&self.coarse_confidence(name), coarse)?;
+        }
+        pfm::write(&self.depth(name), &map.depth)?;
+        write_json(&self.record(name), record)
+    }
+
+    /// The record of a view's depth map, if there is a complete one.
+    #[must_use]
+    pub fn saved(&self, name: &str) -> Option<Record> {
+        let files = [self.depth(name), self.confidence(name), self.cam(name), self.image(name)];
+        if !files.iter().all(|file| file.is_file()) {
+            return None;
+        }
+        read_json(&self.record(name)).ok()
+    }
+
+    /// Reads a depth map.
+    ///
+    /// # Errors
+    /// If a file is missing or malformed, or sizes differ.
+    pub fn read(&self, name: &str, camera: Pinhole, view: &View) -> Result<DepthMap, VamvsError> {
+        let depth = pfm::read_depth(&self.depth(name))?;
+        let confidence = match self.confidence(name) {
+            path if path.is_file() => pfm::read(&path)?,
+            _ => depth.map(|depth| f32::from(u8::from(*depth > 0.0))),
+        };
+        let coarse_confidence = match self.coarse_confidence(name) {
+            path if path.is_file() => Some(pfm::read(&path)?),
+            _ => None,
+        };
+        let camera = camera.resized(depth.size());
+        Ok(DepthMap { camera, cam_from_world: view.cam_from_world, depth, confidence, coarse_confidence })
+    }
+
+    /// `fused.ply`.
+    #[must_use]
+    pub fn cloud(&self) -> PathBuf {
+        self.root.join("fused.ply")
+    }
+}
+
+/// The views' names in the output folder: those of the photographs without extension, or with it where
+/// two photographs differ in nothing else.
+#[must_use]
+pub fn names(views: &[View]) -> Vec<String> {
+    let flat = |view: &View| view.name.replace('/', "__");
+    let stem = |view: &View| {
+        let name = flat(view);
+        name.rsplit_once('.').map_or(name.clone(), |(stem, _)| stem.to_owned())
+    };
+    let mut count = HashMap::new();
+    views.iter().for_each(|view| *count.entry(stem(view)).or_insert(0) += 1);
+    views.iter().map(|view| if count[&stem(view)] == 1 { stem(view) } else { flat(view) }).collect()
+}
+
+/// Writes a value as JSON, whole or not at all.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), VamvsError> {
+    let text = serde_json::to_string_pretty(value)
+        .map_err(|error| VamvsError::Request(format!("{}: cannot be written as JSON: {error}", path.display())))?;
+    Ok(atomic::write(path, |out| writeln!(out, "{text}"))?)
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, VamvsError> {
+    let folder = |problem: String| VamvsError::Folder { path: path.to_owned(), problem };
+    let text = std::fs::read_to_string(path).map_err(|error| folder(format!("cannot be read: {error}")))?;
+    serde_json::from_str(&text).map_err(|error| folder(format!("is not what vamvs wrote: {error}")))
+}
+
+fn remove(path: &Path) -> Result<(), VamvsError> {
+    match std::fs::remove_file(path) {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+            Err(IoError::System { action: "remove", path: path.to_owned(), source }.into())
+        }
+        _ => Ok(()),
+    }
+}

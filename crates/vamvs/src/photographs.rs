@@ -1,0 +1,97 @@
+//! The photographs of a scene as the network wants them: undistorted and reduced.
+
+use std::path::{Path, PathBuf};
+
+use vamvs_core::undistort::Undistortion;
+use vamvs_core::{Camera, Grid, Photo, Pinhole, Scene, Size, View};
+use vamvs_io::{image, masks};
+
+use crate::VamvsError;
+
+/// Reads photographs of a scene one by one.
+#[derive(Clone, Debug)]
+pub struct Photographs {
+    images: PathBuf,
+    masks: Option<PathBuf>,
+    max_size: usize,
+}
+
+impl Photographs {
+    /// Photographs in `images`, masks (0 = ignore) in `masks`, reduced to `max_size` pixels on the
+    /// longer side.
+    #[must_use]
+    pub fn new(images: &Path, masks: Option<&Path>, max_size: usize) -> Self {
+        Self { images: images.to_owned(), masks: masks.map(Path::to_owned), max_size }
+    }
+
+    /// The image file of a view.
+    #[must_use]
+    pub fn path(&self, view: &View) -> PathBuf {
+        self.images.join(&view.name)
+    }
+
+    /// The mask file of a view, if there is one.
+    #[must_use]
+    pub fn mask_path(&self, view: &View) -> Option<PathBuf> {
+        masks::find(self.masks.as_deref()?, &view.name)
+    }
+
+    /// The undistorted camera at working size.
+    #[must_use]
+    pub fn working_camera(&self, camera: &Camera) -> Pinhole {
+        Undistortion::new(camera).pinhole().resized(self.working_size(camera.size))
+    }
+
+    /// Reads, undistorts and reduces a view's photograph, with its mask: file, alpha channel and what
+    /// undistortion leaves empty together. The second value is a note for the user.
+    ///
+    /// # Errors
+    /// If a file cannot be read or its size contradicts the camera's.
+    pub fn load(&self, view: &View) -> Result<(Photo, Option<String>), VamvsError> {
+        let (loaded, camera) = image::load_for_camera(&self.path(view), &view.camera)?;
+        let mask = match self.mask_path(view) {
+            Some(path) => Some(masks::load(&path, camera.size)?),
+            None => None,
+        };
+        let mask = both(mask, loaded.alpha_mask);
+        let undistortion = Undistortion::new(&camera);
+        let mask = undistortion.mask(mask.as_ref());
+        let size = self.working_size(camera.size);
+        let photo = Photo {
+            camera: undistortion.pinhole().resized(size),
+            cam_from_world: view.cam_from_world,
+            image: reduced(undistortion.image(&loaded.rgb), size),
+            mask: mask.map(|mask| mask.resized_nearest(size)),
+        };
+        Ok((photo, loaded.note.map(|note| format!("{}: {note}", view.name))))
+    }
+
+    fn working_size(&self, size: Size) -> Size {
+        let longer = size.width.max(size.height);
+        if longer <= self.max_size {
+            return size;
+        }
+        let reduce = |side: usize| ((side * self.max_size) as f64 / longer as f64).round().max(1.0) as usize;
+        Size::new(reduce(size.width), reduce(size.height))
+    }
+}
+
+/// The working cameras of all views of a scene.
+#[must_use]
+pub fn working_cameras(photographs: &Photographs, scene: &Scene) -> Vec<Pinhole> {
+    scene.views.iter().map(|view| photographs.working_camera(&view.camera)).collect()
+}
+
+fn reduced(image: Grid<vamvs_core::Rgb>, size: Size) -> Grid<vamvs_core::Rgb> {
+    if image.size() == size { image } else { image::resize(&image, size) }
+}
+
+fn both(a: Option<Grid<bool>>, b: Option<Grid<bool>>) -> Option<Grid<bool>> {
+    match (a, b) {
+        (Some(mut a), Some(b)) => {
+            a.data_mut().iter_mut().zip(b.data()).for_each(|(a, b)| *a &= b);
+            Some(a)
+        }
+        (a, b) => a.or(b),
+    }
+}

@@ -1,0 +1,132 @@
+//! What will be done for each view, decided before anything is computed.
+
+use serde::{Deserialize, Serialize};
+use vamvs_core::depth_range::{self, RangeOrigin};
+use vamvs_core::roi::PixelBox;
+use vamvs_core::view_selection;
+use vamvs_core::{DepthRange, Pinhole, Planes, Scene};
+
+use crate::photographs::working_cameras;
+use crate::{DepthOptions, Photographs, VamvsError};
+
+/// What will be done for one view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewPlan {
+    /// Source views, best first.
+    pub sources: Vec<usize>,
+    /// The planes of the sweep.
+    pub planes: Planes,
+    /// Where the depth range comes from; `None` if the user gave it.
+    pub origin: Option<RangeOrigin>,
+    /// The part of the image in which depth is wanted, pixels at working size; `None` for all of it.
+    pub region: Option<PixelBox>,
+}
+
+/// What will be done.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The undistorted cameras at working size.
+    pub cameras: Vec<Pinhole>,
+    /// For each view what will be done, or why nothing.
+    pub views: Vec<Result<ViewPlan, String>>,
+    /// For each view, other views that may see the same surfaces, best first.
+    pub neighbours: Vec<Vec<usize>>,
+}
+
+/// Chooses source views, depth ranges and planes.
+///
+/// # Errors
+/// If an option is absurd, or no view has another one that sees the same surfaces.
+pub fn plan(
+    scene: &Scene,
+    photographs: &Photographs,
+    options: &DepthOptions,
+    neighbours: usize,
+) -> Result<Plan, VamvsError> {
+    check(options)?;
+    let cameras = working_cameras(photographs, scene);
+    let wanted = neighbours.max(options.views - 1);
+    let selected = view_selection::select(scene, &cameras, wanted);
+    let planner = Planner { scene, cameras: &cameras, options };
+    let views: Vec<_> = selected.iter().enumerate().map(|(view, sources)| planner.view(view, sources)).collect();
+    if let Some(reason) = nothing_to_do(scene, &views) {
+        return Err(VamvsError::Request(reason));
+    }
+    let neighbours = selected.into_iter().map(|list| list.into_iter().take(neighbours).collect()).collect();
+    Ok(Plan { cameras, views, neighbours })
+}
+
+fn check(options: &DepthOptions) -> Result<(), VamvsError> {
+    let wrong = |what: String| Err(VamvsError::Request(what));
+    if options.views < 2 {
+        return wrong(format!("views must be at least 2 (a reference and a source), got {}", options.views));
+    }
+    if options.max_size < 64 {
+        return wrong(format!("max-size must be at least 64 pixels, got {}", options.max_size));
+    }
+    if let Some(planes) = options.planes.filter(|planes| !(8..=2048).contains(planes)) {
+        return wrong(format!("planes must be from 8 to 2048, got {planes}"));
+    }
+    if !(8..=2048).contains(&options.max_planes) {
+        return wrong(format!("max-planes must be from 8 to 2048, got {}", options.max_planes));
+    }
+    Ok(())
+}
+
+fn nothing_to_do(scene: &Scene, views: &[Result<ViewPlan, String>]) -> Option<String> {
+    if views.iter().any(Result::is_ok) {
+        return None;
+    }
+    let reason = views.iter().zip(&scene.views).find_map(|(plan, view)| {
+        plan.as_ref().err().map(|reason| format!("{}: {reason}", view.name))
+    });
+    Some(format!("no depth can be estimated for any of the {} views: {}", views.len(), reason.unwrap_or_default()))
+}
+
+struct Planner<'a> {
+    scene: &'a Scene,
+    cameras: &'a [Pinhole],
+    options: &'a DepthOptions,
+}
+
+impl Planner<'_> {
+    fn view(&self, view: usize, selected: &[usize]) -> Result<ViewPlan, String> {
+        let sources: Vec<_> = selected.iter().copied().take(self.options.views - 1).collect();
+        if sources.is_empty() {
+            return Err("no other view sees the same surfaces from aside".to_owned());
+        }
+        let (range, origin) = self.range(view, &sources)?;
+        let (range, region) = self.limited(view, range)?;
+        let pose = |view: usize| &self.scene.views[view].cam_from_world;
+        let others: Vec<_> = sources.iter().map(|&source| (&self.cameras[source], pose(source))).collect();
+        let reference = (&self.cameras[view], pose(view));
+        let mut planes = Planes::fitting(range, reference, &others, self.options.max_planes);
+        planes.count = self.options.planes.unwrap_or(planes.count);
+        planes.spacing = self.options.spacing.unwrap_or(planes.spacing);
+        Ok(ViewPlan { sources, planes, origin, region })
+    }
+
+    /// The user's range, or the view's own.
+    fn range(&self, view: usize, sources: &[usize]) -> Result<(DepthRange, Option<RangeOrigin>), String> {
+        if let Some(range) = self.options.depth_range {
+            return Ok((range, None));
+        }
+        let (range, origin) = depth_range::for_view(self.scene, view, sources).ok_or(
+            "no depth range: the scene gives none, has too few points, and the cameras tell none; give one with --depth-range",
+        )?;
+        Ok((range, Some(origin)))
+    }
+
+    /// The range and the part of the image that the region of interest leaves.
+    fn limited(&self, view: usize, range: DepthRange) -> Result<(DepthRange, Option<PixelBox>), String> {
+        let Some(roi) = &self.options.roi else { return Ok((range, None)) };
+        let pose = &self.scene.views[view].cam_from_world;
+        let outside = || "the region of interest is not in its picture".to_owned();
+        let region = roi.pixel_box(&self.cameras[view], pose).ok_or_else(outside)?;
+        let (near, far) = roi.depth_range(pose).ok_or_else(outside)?;
+        let range = DepthRange::try_new(near.max(range.near), far.min(range.far)).map_err(|_| {
+            format!("the region of interest (depth {near:.4} to {far:.4}) is outside of the depth range ({:.4} to {:.4})", range.near, range.far)
+        })?;
+        Ok((range, Some(region)))
+    }
+}

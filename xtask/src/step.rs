@@ -1,0 +1,24 @@
+//! A named command that must succeed.
+
+use std::ffi::OsString;
+use std::process::Command;
+use std::time::Instant;
+
+use anyhow::{Context, Result, ensure};
+
+/// Runs a command, says what it is and how long it took.
+pub fn run(name: &str, command: &mut Command) -> Result<()> {
+    println!("── {name}");
+    let start = Instant::now();
+    let status = command.status().with_context(|| format!("{name}: {command:?} could not be started"))?;
+    ensure!(status.success(), "{name} failed ({status})");
+    println!("── {name}: {:.0} s", start.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// The Cargo that runs this program, in the repository's root.
+pub fn cargo(arguments: &[&str]) -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
+    command.args(arguments).current_dir(crate::root());
+    command
+}

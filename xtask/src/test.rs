@@ -1,0 +1,36 @@
+//! `cargo xtask test`: everything that must hold of a change.
+
+use std::time::Instant;
+
+use anyhow::Result;
+use clap::Args;
+
+use crate::setup;
+use crate::step::{cargo, run};
+
+/// Check everything: formatting, lints, tests, documentation, the build without libtorch.
+///
+/// Sets up libtorch first, if need be.
+#[derive(Args)]
+pub struct Test {}
+
+impl Test {
+    pub fn run(&self) -> Result<()> {
+        let start = Instant::now();
+        setup::ensure_any()?;
+        run("format", &mut cargo(&["fmt", "--all", "--check"]))?;
+        run("lint", &mut cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]))?;
+        run("test", &mut cargo(&["test", "--workspace"]))?;
+        run("document", cargo(&["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))?;
+        build_without_libtorch()?;
+        println!("all is well, after {:.0} s", start.elapsed().as_secs_f64());
+        Ok(())
+    }
+}
+
+/// Builds the command without the network where no libtorch can be found.
+fn build_without_libtorch() -> Result<()> {
+    let target = ["--target-dir", "target/without-libtorch"];
+    let mut build = cargo(&["build", "-p", "vamvs-cli", "--no-default-features"]);
+    run("build without libtorch", build.args(target).env("LIBTORCH", "no-libtorch-here"))
+}

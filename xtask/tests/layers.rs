@@ -1,0 +1,71 @@
+//! The layers of the workspace: arrows point down only, and siblings do not see each other.
+
+use std::process::Command;
+
+use serde_json::Value;
+
+/// A crate may use those of lower layers, and none of its own or a higher one.
+const LAYERS: [&[&str]; 5] = [
+    &["vamvs-core"],
+    &["vamvs-io", "vamvs-fusion", "vamvs-eval", "vamvs-net"],
+    &["vamvs"],
+    &["vamvs-cli", "vamvs-tests"],
+    &["xtask"],
+];
+
+/// The crates that may use tch, and with it libtorch.
+const USE_TCH: [&str; 1] = ["vamvs-net"];
+
+fn layer(name: &str) -> usize {
+    let layer = LAYERS.iter().position(|layer| layer.contains(&name));
+    layer.unwrap_or_else(|| panic!("{name} has no layer: add it to LAYERS"))
+}
+
+/// The packages of the workspace, as Cargo describes them.
+fn packages() -> Vec<Value> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let arguments = ["metadata", "--no-deps", "--offline", "--format-version", "1"];
+    let output = Command::new(cargo).args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    metadata["packages"].as_array().unwrap().clone()
+}
+
+/// Names and kinds (`None`, `"dev"`, `"build"`) of what a package depends on.
+fn dependencies(package: &Value) -> impl Iterator<Item = (&str, Option<&str>)> {
+    let dependencies = package["dependencies"].as_array().unwrap();
+    dependencies.iter().map(|d| (d["name"].as_str().unwrap(), d["kind"].as_str()))
+}
+
+#[test]
+fn crates_use_lower_layers_only() {
+    let packages = packages();
+    assert_eq!(packages.len(), LAYERS.concat().len(), "every crate has a layer, and every name is a crate's");
+    for package in &packages {
+        let name = package["name"].as_str().unwrap();
+        let used = dependencies(package).filter(|(used, kind)| {
+            *kind != Some("dev") && packages.iter().any(|package| package["name"] == *used)
+        });
+        for (used, _) in used {
+            assert!(layer(used) < layer(name), "{name} must not use {used}: see ARCHITECTURE.md");
+        }
+    }
+}
+
+#[test]
+fn libtorch_is_used_by_the_network_only() {
+    for package in packages() {
+        let name = package["name"].as_str().unwrap();
+        let uses_tch = dependencies(&package).any(|(used, _)| ["tch", "torch-sys"].contains(&used));
+        assert!(!uses_tch || USE_TCH.contains(&name), "{name} must not use tch: geometry needs no libtorch");
+    }
+}
+
+#[test]
+fn only_the_command_line_parses_arguments() {
+    for package in packages() {
+        let name = package["name"].as_str().unwrap();
+        let uses_clap = dependencies(&package).any(|(used, kind)| used == "clap" && kind.is_none());
+        assert!(!uses_clap || ["vamvs-cli", "xtask"].contains(&name), "{name} must not use clap");
+    }
+}
