@@ -14,11 +14,12 @@ def main() -> None:
     parser.add_argument("network", choices=("photometric", *AGGREGATIONS))
     parser.add_argument("out", help="the .pt file to write")
     parser.add_argument("--norm", choices=NORMS, default="batch", help="normalisation of the learned networks")
+    parser.add_argument("--thin", type=int, default=1, help="divide all channels by this: small networks to test with")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
     arguments = parser.parse_args()
     torch.manual_seed(arguments.seed)
     photometric = arguments.network == "photometric"
-    module = Photometric() if photometric else VaPointMvsNet(arguments.network, arguments.norm)
+    module = Photometric() if photometric else VaPointMvsNet(arguments.network, arguments.norm, arguments.thin)
     torch.jit.script(module.eval()).save(arguments.out)
 
 

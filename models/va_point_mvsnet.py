@@ -23,15 +23,16 @@ CHUNK = 4096  # points whose neighbours are gathered at once, so that they stay 
 
 
 class ImageNet(nn.Module):
-    """Image pyramid (section 3.1): (B, 3, H, W) → 16 channels at 1/2, 32 at 1/4, 64 at 1/8."""
+    """Image pyramid (section 3.1): (B, 3, H, W) → 16 channels at 1/2, 32 at 1/4, 64 at 1/8 (over `thin`)."""
 
-    def __init__(self, norm: str) -> None:
+    def __init__(self, norm: str, thin: int) -> None:
         super().__init__()
-        self.level0 = nn.Sequential(Conv2d(3, 8, 3, 1, norm), Conv2d(8, 8, 3, 1, norm))
-        self.level1 = nn.Sequential(Conv2d(8, 16, 5, 2, norm), Conv2d(16, 16, 3, 1, norm), Conv2d(16, 16, 3, 1, norm))
-        self.level2 = nn.Sequential(Conv2d(16, 32, 5, 2, norm), Conv2d(32, 32, 3, 1, norm), Conv2d(32, 32, 3, 1, norm))
-        self.level3 = nn.Sequential(Conv2d(32, 64, 5, 2, norm), Conv2d(64, 64, 3, 1, norm))
-        self.last = nn.Conv2d(64, 64, 3, padding=1, bias=False)
+        a, b, c, d = (channels // thin for channels in (8, *FLOW_CHANNELS))
+        self.level0 = nn.Sequential(Conv2d(3, a, 3, 1, norm), Conv2d(a, a, 3, 1, norm))
+        self.level1 = nn.Sequential(Conv2d(a, b, 5, 2, norm), Conv2d(b, b, 3, 1, norm), Conv2d(b, b, 3, 1, norm))
+        self.level2 = nn.Sequential(Conv2d(b, c, 5, 2, norm), Conv2d(c, c, 3, 1, norm), Conv2d(c, c, 3, 1, norm))
+        self.level3 = nn.Sequential(Conv2d(c, d, 5, 2, norm), Conv2d(d, d, 3, 1, norm))
+        self.last = nn.Conv2d(d, d, 3, padding=1, bias=False)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         # Each photograph to zero mean and unit deviation, as the authors do.
@@ -46,19 +47,20 @@ class ImageNet(nn.Module):
 class VolumeNet(nn.Module):
     """Cost-volume regularisation (section 3.2), a 3D U-Net: (B, C, D, h, w) → (B, D, h, w)."""
 
-    def __init__(self, channels: int, norm: str) -> None:
+    def __init__(self, channels: int, norm: str, thin: int) -> None:
         super().__init__()
-        self.scale1 = Conv3d(channels, 8, 1, norm)
-        self.scale2 = Conv3d(channels, 16, 2, norm)
-        self.scale2_same = Conv3d(16, 16, 1, norm)
-        self.scale4 = Conv3d(16, 32, 2, norm)
-        self.scale4_same = Conv3d(32, 32, 1, norm)
-        self.scale8 = Conv3d(32, 64, 2, norm)
-        self.scale8_same = Conv3d(64, 64, 1, norm)
-        self.up4 = Deconv3d(64, 32, norm)
-        self.up2 = Deconv3d(32, 16, norm)
-        self.up1 = Deconv3d(16, 8, norm)
-        self.last = nn.Conv3d(8, 1, 3, padding=1, bias=False)
+        a, b, c, d = (width // thin for width in (8, 16, 32, 64))
+        self.scale1 = Conv3d(channels, a, 1, norm)
+        self.scale2 = Conv3d(channels, b, 2, norm)
+        self.scale2_same = Conv3d(b, b, 1, norm)
+        self.scale4 = Conv3d(b, c, 2, norm)
+        self.scale4_same = Conv3d(c, c, 1, norm)
+        self.scale8 = Conv3d(c, d, 2, norm)
+        self.scale8_same = Conv3d(d, d, 1, norm)
+        self.up4 = Deconv3d(d, c, norm)
+        self.up2 = Deconv3d(c, b, norm)
+        self.up1 = Deconv3d(b, a, norm)
+        self.last = nn.Conv3d(a, 1, 3, padding=1, bias=False)
 
     def forward(self, volume: Tensor) -> Tensor:
         _, _, d, h, w = volume.shape
@@ -123,13 +125,14 @@ class EdgeConv(nn.Module):
 class FlowNet(nn.Module):
     """PointFlow (section 3.4): features (P, C) and neighbours (P, k) to one score a point."""
 
-    def __init__(self, channels: int, norm: str) -> None:
+    def __init__(self, channels: int, norm: str, thin: int) -> None:
         super().__init__()
-        self.edge1 = EdgeConv(channels, 32, False, norm)
-        self.edge2 = EdgeConv(32, 32, True, norm)
-        self.edge3 = EdgeConv(64, 64, True, norm)
-        self.mlp = nn.Sequential(Conv1d(224, 64, norm), Conv1d(64, 64, norm), Conv1d(64, 16, norm))
-        self.last = nn.Conv1d(16, 1, 1, bias=False)
+        a, b, c = 16 // thin, 32 // thin, 64 // thin
+        self.edge1 = EdgeConv(channels, b, False, norm)
+        self.edge2 = EdgeConv(b, b, True, norm)
+        self.edge3 = EdgeConv(c, c, True, norm)
+        self.mlp = nn.Sequential(Conv1d(b + c + 2 * c, c, norm), Conv1d(c, c, norm), Conv1d(c, a, norm))
+        self.last = nn.Conv1d(a, 1, 1, bias=False)
 
     def forward(self, features: Tensor, neighbours: Tensor) -> Tensor:
         first = self.edge1(features, neighbours)
@@ -140,12 +143,16 @@ class FlowNet(nn.Module):
 
 
 class VaPointMvsNet(nn.Module):
-    """The whole network with one of the six aggregations of figure 3."""
+    """The whole network with one of the six aggregations of figure 3.
+
+    All hidden layers have the paper's number of channels divided by `thin`, which is 1 but for small
+    networks to test with.
+    """
 
     pairwise: Final[bool]  # vis-avg, vis-max: views are related to the reference one by one
     weighted: Final[bool]  # vis-var: views are weighted by what they see
 
-    def __init__(self, aggregation: str = "vis-max", norm: str = "batch") -> None:
+    def __init__(self, aggregation: str = "vis-max", norm: str = "batch", thin: int = 1) -> None:
         super().__init__()
         if aggregation not in AGGREGATIONS:
             raise ValueError(f"aggregation must be one of {AGGREGATIONS}, not {aggregation!r}")
@@ -166,17 +173,20 @@ class VaPointMvsNet(nn.Module):
                 "scores": {},
             }
         )
-        flow_in = sum(FLOW_CHANNELS)
-        self.coarse_images = ImageNet(norm)
-        self.flow_images = ImageNet(norm)
-        self.volume = VolumeNet(64, norm)
-        self.flow_net = FlowNet((64 if self.pairwise else flow_in) + POSITION_CHANNELS, norm)
+        flow_in = sum(FLOW_CHANNELS) // thin
+        wide, out = 128 // thin, 64 // thin
+        self.coarse_images = ImageNet(norm, thin)
+        self.flow_images = ImageNet(norm, thin)
+        self.volume = VolumeNet(out, norm, thin)
+        self.flow_net = FlowNet((out if self.pairwise else flow_in) + POSITION_CHANNELS, norm, thin)
         if self.pairwise:
-            self.pair_coarse = mlp2d((128, 128, 128, 64), norm)
-            self.pair_flow = nn.Sequential(Conv1d(2 * flow_in, 128, norm), Conv1d(128, 128, norm), Conv1d(128, 64, norm))
+            self.pair_coarse = mlp2d((2 * out, wide, wide, out), norm)
+            layers = zip((2 * flow_in, wide, wide), (wide, wide, out))
+            self.pair_flow = nn.Sequential(*(Conv1d(a, b, norm) for a, b in layers))
         if self.weighted:
-            self.pair_visibility = mlp2d((129, 128, 128, 64), norm)
-            self.visibility_head = nn.Sequential(mlp2d((64, 64, 16, 4), norm), nn.Conv2d(4, 1, 1), nn.Sigmoid())
+            self.pair_visibility = mlp2d((2 * out + 1, wide, wide, out), norm)
+            head = mlp2d((out, out, 16 // thin, 4), norm)
+            self.visibility_head = nn.Sequential(head, nn.Conv2d(4, 1, 1), nn.Sigmoid())
 
     @torch.jit.export
     def manifest(self) -> str:

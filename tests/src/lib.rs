@@ -4,6 +4,7 @@
 //! normal of every pixel are exact. The world's z axis points up; lengths are of the order of 1.
 
 pub mod fixtures;
+pub mod folder;
 pub mod noise;
 pub mod render;
 pub mod rig;

@@ -23,18 +23,22 @@ fn layer(name: &str) -> usize {
 
 /// The packages of the workspace, as Cargo describes them.
 fn packages() -> Vec<Value> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let arguments = ["metadata", "--no-deps", "--offline", "--format-version", "1"];
-    let output = Command::new(cargo).args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo.args(["metadata", "--no-deps", "--offline", "--format-version", "1"]);
+    let output = cargo.current_dir(env!("CARGO_MANIFEST_DIR")).output().expect("cargo starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
-    metadata["packages"].as_array().unwrap().clone()
+    let metadata: Value = serde_json::from_slice(&output.stdout).expect("cargo metadata is JSON");
+    metadata["packages"].as_array().expect("cargo metadata lists packages").clone()
 }
 
 /// Names and kinds (`None`, `"dev"`, `"build"`) of what a package depends on.
 fn dependencies(package: &Value) -> impl Iterator<Item = (&str, Option<&str>)> {
-    let dependencies = package["dependencies"].as_array().unwrap();
-    dependencies.iter().map(|d| (d["name"].as_str().unwrap(), d["kind"].as_str()))
+    let dependencies = package["dependencies"].as_array().into_iter().flatten();
+    dependencies.map(|d| (name(d), d["kind"].as_str()))
+}
+
+fn name(item: &Value) -> &str {
+    item["name"].as_str().expect("packages and dependencies have names")
 }
 
 #[test]
@@ -42,7 +46,7 @@ fn crates_use_lower_layers_only() {
     let packages = packages();
     assert_eq!(packages.len(), LAYERS.concat().len(), "every crate has a layer, and every name is a crate's");
     for package in &packages {
-        let name = package["name"].as_str().unwrap();
+        let name = name(package);
         let used = dependencies(package).filter(|(used, kind)| {
             *kind != Some("dev") && packages.iter().any(|package| package["name"] == *used)
         });
@@ -54,18 +58,18 @@ fn crates_use_lower_layers_only() {
 
 #[test]
 fn libtorch_is_used_by_the_network_only() {
-    for package in packages() {
-        let name = package["name"].as_str().unwrap();
-        let uses_tch = dependencies(&package).any(|(used, _)| ["tch", "torch-sys"].contains(&used));
+    for package in &packages() {
+        let name = name(package);
+        let uses_tch = dependencies(package).any(|(used, _)| ["tch", "torch-sys"].contains(&used));
         assert!(!uses_tch || USE_TCH.contains(&name), "{name} must not use tch: geometry needs no libtorch");
     }
 }
 
 #[test]
 fn only_the_command_line_parses_arguments() {
-    for package in packages() {
-        let name = package["name"].as_str().unwrap();
-        let uses_clap = dependencies(&package).any(|(used, kind)| used == "clap" && kind.is_none());
+    for package in &packages() {
+        let name = name(package);
+        let uses_clap = dependencies(package).any(|(used, kind)| used == "clap" && kind.is_none());
         assert!(!uses_clap || ["vamvs-cli", "xtask"].contains(&name), "{name} must not use clap");
     }
 }

@@ -220,6 +220,12 @@ mod tests {
     }
 
     #[test]
+    fn a_few_points_three_times_as_far_are_no_outliers() {
+        let range = from_points(&scene([5.0; 960].into_iter().chain([15.0; 40]), &[0]), 0).unwrap();
+        assert!(range.far > 15.0);
+    }
+
+    #[test]
     fn points_on_a_plane_still_give_a_range() {
         let range = from_points(&scene([5.0; 20], &[0]), 0).unwrap();
         assert!((range.near - 4.9).abs() < 1e-9 && (range.far - 5.1).abs() < 1e-9);

@@ -240,6 +240,12 @@ mod tests {
             let size = Vector3::from(size);
             let roi = Roi::try_new(low, low + size).unwrap();
             let pixels = roi.pixel_box(&CAMERA, &cam_from_world);
+            if let Some((near, _)) = roi.depth_range(&cam_from_world) {
+                let grown = Roi { min: roi.min.add_scalar(-1e-9), max: roi.max.add_scalar(1e-9) };
+                for vertex in roi.vertices_beyond(near, &cam_from_world) {
+                    prop_assert!(vertex.z >= near && grown.contains(&cam_from_world.inverse().transform(&vertex)));
+                }
+            }
             for sample in samples {
                 let x_in_world = low + size.component_mul(&Vector3::from(sample));
                 let x_in_cam = cam_from_world.transform(&x_in_world);

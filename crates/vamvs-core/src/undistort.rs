@@ -235,7 +235,13 @@ mod tests {
             let mask = undistortion.mask(None).unwrap();
             assert!(mask.data().contains(&false) && mask.data().contains(&true));
             assert_eq!(mask, white.map(|&colour| colour == [255; 3]));
-            assert_eq!(undistortion.mask(Some(&Grid::filled(SIZE, true))), Some(mask));
+            assert_eq!(undistortion.mask(Some(&Grid::filled(SIZE, true))).as_ref(), Some(&mask));
+            let expected = Grid::from_fn(SIZE, |x, y| {
+                let centre = Vector2::new(x as f64 + 0.5, y as f64 + 0.5);
+                let seen = camera.project(&undistortion.pinhole().intrinsics.ray(&centre));
+                seen.is_some_and(|p| (0.0..=320.0).contains(&p.x) && (0.0..=240.0).contains(&p.y))
+            });
+            assert_eq!(mask, expected);
         }
     }
 

@@ -108,7 +108,8 @@ impl Reducer {
                         features.f_mul(visibility)?
                     }
                     (Weight::Mask(total), None) => {
-                        accumulate(total, &features.f_new_ones([1, 1, 1, 1], (features.kind(), features.device()))?)?;
+                        let one = features.f_new_ones(vec![1; features.dim()], (features.kind(), features.device()))?;
+                        accumulate(total, &one)?;
                         features.shallow_clone()
                     }
                 };

@@ -1,0 +1,210 @@
+//! Bad input: a clear error with exit code 1, or handling that the documentation describes.
+
+#![cfg(feature = "net")]
+
+mod common;
+
+use common::{Scene, error_of, expect_success, stderr, vamvs, write};
+use vamvs::core::{Grid, Size};
+use vamvs::io::image;
+
+const QUICK: [&str; 4] = ["--iterations", "0", "--planes", "16"];
+
+fn small() -> Scene {
+    Scene::new(96, 64, 3)
+}
+
+/// Replaces a line of a camera file.
+fn edit_cam(scene: &Scene, view: usize, line: usize, text: &str) {
+    let path = scene.path(&format!("cams/{view:04}_cam.txt"));
+    let old = std::fs::read_to_string(&path).unwrap();
+    let lines: Vec<_> = old.lines().enumerate().map(|(i, old)| if i == line { text } else { old }).collect();
+    write(&path, lines.join("\n"));
+}
+
+/// The line of a camera file that holds the depth range.
+const DEPTH_LINE: usize = 11;
+
+#[test]
+fn a_missing_photograph_is_named_and_an_extra_one_is_a_warning() {
+    let scene = small();
+    image::save_png_rgb(&scene.path("images/extra.png"), &scene.views[0].photo.image).unwrap();
+    let output = scene.run("depth", &QUICK);
+    expect_success(&output);
+    assert!(stderr(&output).contains("warning: "), "{}", stderr(&output));
+    std::fs::remove_file(scene.path("images/0001.png")).unwrap();
+    let said = scene.error("depth", &QUICK);
+    assert!(said.contains("missing") && said.contains("0001"), "{said}");
+}
+
+#[test]
+fn cameras_that_are_none_are_named_with_file_and_field() {
+    for (line, text, expected) in [
+        (1, "nan 0 0 0", "not a finite number"),
+        (1, "5 0 0 0", "not a rotation"),
+        (7, "0 0 48", "focal lengths"),
+        (7, "inf 0 48", "focal lengths"),
+        (DEPTH_LINE, "5 0 10 5", "depth range"),
+        (DEPTH_LINE, "5 0.1 10 2", "depth range"),
+        (DEPTH_LINE, "-1 0.1", "depth range"),
+        (DEPTH_LINE, "0 0.1", "depth range"),
+    ] {
+        let scene = small();
+        edit_cam(&scene, 1, line, text);
+        let said = scene.error("depth", &QUICK);
+        assert!(said.contains("0001_cam.txt") && said.contains(expected), "{text}: {said}");
+        assert!(!scene.out().exists(), "{text}: nothing may be written");
+    }
+}
+
+#[test]
+fn a_depth_line_of_min_and_max_is_read_as_such_and_said() {
+    let scene = small();
+    edit_cam(&scene, 1, DEPTH_LINE, "3 9");
+    let output = scene.run("depth", &QUICK);
+    expect_success(&output);
+    let said = stderr(&output);
+    assert!(said.contains("warning: ") && said.contains("0001.png: depth 3.0000 to 9.0000"), "{said}");
+    let output = scene.run("depth", &["--depth-line", "min-interval", "--iterations", "0", "--planes", "16"]);
+    expect_success(&output);
+    assert!(stderr(&output).contains("0001.png: depth 3.0000 to 1722.0000"), "{}", stderr(&output));
+}
+
+#[test]
+fn one_view_and_views_without_overlap_are_errors() {
+    let alone = Scene::new(96, 64, 1);
+    assert!(alone.error("depth", &QUICK).contains("at least 2"));
+    let scene = Scene::new(96, 64, 2);
+    // The second camera looks away from what the first one sees, from far away.
+    let (r, t) = (scene.views[0].photo.cam_from_world.rotation, [900.0, 0.0, -900.0]);
+    for row in 0..3 {
+        let flip = if row == 1 { 1.0 } else { -1.0 };
+        let numbers = format!("{} {} {} {}", flip * r[(row, 0)], flip * r[(row, 1)], flip * r[(row, 2)], t[row]);
+        edit_cam(&scene, 1, 1 + row, &numbers);
+    }
+    let said = scene.error("depth", &QUICK);
+    assert!(said.contains("no depth can be estimated for any of the 2 views"), "{said}");
+}
+
+#[test]
+fn grey_sixteen_bit_and_transparent_photographs_work() {
+    let scene = small();
+    let first = &scene.views[0].photo.image;
+    let grey = first.map(|[r, g, b]| 257 * ((u16::from(*r) + u16::from(*g) + u16::from(*b)) / 3));
+    image::save_png_gray16(&scene.path("images/0000.png"), &grey).unwrap();
+    expect_success(&scene.run("depth", &QUICK));
+}
+
+#[test]
+fn a_photograph_of_another_size_is_fitted_with_a_note_or_refused() {
+    let scene = small();
+    let half = image::resize(&scene.views[1].photo.image, Size::new(48, 32));
+    image::save_png_rgb(&scene.path("images/0001.png"), &half).unwrap();
+    let output = scene.run("depth", &QUICK);
+    expect_success(&output);
+    let square = Grid::filled(Size::new(64, 64), [9, 9, 9]);
+    image::save_png_rgb(&scene.path("images/0001.png"), &square).unwrap();
+    // The camera file tells no size, so a square photograph is only found where it contradicts COLMAP.
+    let model = scene.path("sparse");
+    std::fs::create_dir_all(&model).unwrap();
+    write(&model.join("cameras.txt"), "1 PINHOLE 96 64 90 90 48 32\n");
+    write(&model.join("images.txt"), "1 1 0 0 0 0 0 0 1 0000.png\n\n2 1 0 0 0 1 0 0 1 0001.png\n\n");
+    write(&model.join("points3D.txt"), "");
+    let run = |arguments: &[&str]| {
+        let mut run = vamvs();
+        run.args(["depth", "--colmap"]).arg(&model).arg("--images").arg(scene.path("images"));
+        run.arg("--out").arg(scene.path("out2")).args(arguments).output().unwrap()
+    };
+    let said = error_of(&run(&["--depth-range", "2", "8", "--iterations", "0", "--planes", "16"]));
+    assert!(said.contains("64×64") && said.contains("96×64"), "{said}");
+}
+
+#[test]
+fn a_corrupt_photograph_is_named() {
+    let scene = small();
+    let bytes = std::fs::read(scene.path("images/0001.png")).unwrap();
+    write(&scene.path("images/0001.png"), &bytes[..bytes.len() / 2]);
+    let said = scene.error("depth", &QUICK);
+    assert!(said.contains("0001.png"), "{said}");
+}
+
+#[test]
+fn truncated_and_boastful_colmap_models_are_named() {
+    let scene = small();
+    let model = scene.path("sparse");
+    std::fs::create_dir_all(&model).unwrap();
+    for (cameras, expected) in [(&[1, 0, 0][..], "cameras.bin"), (&[255; 8][..], "cameras.bin")] {
+        write(&model.join("cameras.bin"), cameras);
+        write(&model.join("images.bin"), [0; 8]);
+        write(&model.join("points3D.bin"), [0; 8]);
+        let output = vamvs().arg("depth").arg("--colmap").arg(&model).arg("--images").arg(scene.path("images")).output();
+        let said = error_of(&output.unwrap());
+        assert!(said.contains(expected), "{said}");
+    }
+}
+
+#[test]
+fn output_that_cannot_be_written_is_named() {
+    let scene = small();
+    write(&scene.path("out"), "a file where the folder should be");
+    let said = scene.error("depth", &QUICK);
+    assert!(said.contains("out"), "{said}");
+    assert_eq!(std::fs::read(scene.path("out")).unwrap(), b"a file where the folder should be");
+}
+
+#[test]
+fn depth_maps_of_another_scene_are_not_mixed_in() {
+    let scene = small();
+    expect_success(&scene.run("depth", &QUICK));
+    for folder in ["images/0002.png", "cams/0002_cam.txt"] {
+        std::fs::remove_file(scene.path(folder)).unwrap();
+    }
+    let said = scene.error("depth", &QUICK);
+    assert!(said.contains("0002_cam.txt") && said.contains("--out"), "{said}");
+}
+
+#[test]
+fn weights_that_are_no_module_are_named() {
+    let scene = small();
+    let weights = scene.path("weights.pt");
+    let with_weights = ["--weights", weights.to_str().unwrap()];
+    assert!(scene.error("depth", &with_weights).contains("weights.pt"));
+    write(&weights, "not a module");
+    let said = scene.error("depth", &with_weights);
+    assert!(said.contains("weights.pt") && said.contains("not a TorchScript module"), "{said}");
+    // A module that lacks a method.
+    let lacking = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/modules/lacks-flow.pt");
+    let said = scene.error("depth", &["--weights", lacking]);
+    assert!(said.contains("method `flow`"), "{said}");
+}
+
+#[test]
+fn nonsense_on_the_command_line_is_refused() {
+    let scene = small();
+    for (arguments, expected) in [
+        (&["--views", "1"][..], "at least 2"),
+        (&["--planes", "1"], "from 8 to 2048"),
+        (&["--max-size", "5"], "at least 64"),
+        (&["--depth-range", "5", "2"], "near"),
+        (&["--roi", "0", "0", "0", "0", "1", "1"], "--roi"),
+        (&["--device", "abacus"], "abacus"),
+        (&["--iterations", "9"], "9 iterations"),
+        (&["--config", "/nowhere/run.toml"], "/nowhere/run.toml"),
+    ] {
+        let said = scene.error("depth", arguments);
+        assert!(said.contains(expected), "{arguments:?}: {said}");
+    }
+    write(&scene.path("run.toml"), "[depth]\nveiws = 3\n");
+    let said = scene.error("depth", &["--config", scene.path("run.toml").to_str().unwrap()]);
+    assert!(said.contains("run.toml") && said.contains("veiws"), "{said}");
+}
+
+#[test]
+fn the_settings_that_are_written_repeat_the_run() {
+    let scene = small();
+    expect_success(&scene.run("depth", &QUICK));
+    let config = scene.out().join("run.toml");
+    let output = vamvs().args(["depth", "--config"]).arg(&config).arg("--out").arg(scene.out()).output().unwrap();
+    expect_success(&output);
+    assert!(stderr(&output).contains("0 depth maps made, 3 were there"), "{}", stderr(&output));
+}

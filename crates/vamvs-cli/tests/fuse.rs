@@ -1,0 +1,124 @@
+//! `vamvs fuse` on depth maps with exact truth; needs no network.
+
+mod common;
+
+use common::{Scene, error_of, expect_success, stderr, vamvs, write};
+use vamvs::core::{Camera, DepthMap, Grid, Lens, View};
+use vamvs::output::{OutputFolder, Record, SavedMap};
+
+/// The true depth maps of a scene as an output folder.
+fn true_maps(scene: &Scene) -> OutputFolder {
+    let folder = OutputFolder::new(&scene.out());
+    let names: Vec<String> = (0..scene.views.len()).map(|i| format!("{i:04}")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let others = |view: usize| (0..names.len()).filter(|&other| other != view).collect();
+    folder.prepare(&names, &(0..names.len()).map(others).collect::<Vec<_>>()).unwrap();
+    for (name, view) in names.iter().zip(&scene.views) {
+        let map = DepthMap {
+            camera: view.photo.camera,
+            cam_from_world: view.photo.cam_from_world,
+            depth: view.depth.clone(),
+            confidence: Grid::filled(view.depth.size(), 1.0),
+            coarse_confidence: None,
+        };
+        let range = vamvs_tests::folder::depth_range(view).unwrap();
+        let saved = SavedMap { map: &map, range, colour: &view.photo.image };
+        folder.save(name, &saved, &Record { made_of: "truth".into() }).unwrap();
+    }
+    folder
+}
+
+#[test]
+fn true_depth_maps_give_a_cloud_on_the_true_surface() {
+    let scene = Scene::new(160, 120, 5);
+    let folder = true_maps(&scene);
+    let output = vamvs().arg("fuse").arg(folder.root().join("depths")).output().unwrap();
+    expect_success(&output);
+    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), folder.cloud().display().to_string());
+    let cloud = vamvs::io::ply::read(&folder.cloud()).unwrap();
+    assert!(cloud.len() > 10_000, "{} points", cloud.len());
+    // Each point is where the middle view sees its surface, unless something hides it there.
+    let view = &scene.views[2];
+    let (mut near, mut seen) = (0, 0);
+    for point in &cloud {
+        let x_in_cam = view.photo.cam_from_world.transform(&point.x_in_world.into());
+        let Some(pixel) = view.photo.camera.project_inside(&x_in_cam) else { continue };
+        let truth = f64::from(view.depth[(pixel.x as usize, pixel.y as usize)]);
+        if x_in_cam.z < truth * 1.05 {
+            seen += 1;
+            near += usize::from((x_in_cam.z - truth).abs() < 0.02 * truth);
+        }
+    }
+    assert!(near as f64 > 0.97 * f64::from(seen), "{near} of {seen}");
+}
+
+#[test]
+fn nothing_survives_absurdly_strict_filters_and_that_is_an_error_with_the_reasons() {
+    let scene = Scene::new(96, 64, 3);
+    let folder = true_maps(&scene);
+    write(&folder.cloud(), "an older cloud");
+    let output = vamvs().arg("fuse").arg(folder.root()).args(["--min-views", "9"]).output().unwrap();
+    let said = error_of(&output);
+    assert!(said.contains("no point survived") && said.contains("not confirmed by other views"), "{said}");
+    assert_eq!(std::fs::read(folder.cloud()).unwrap(), b"an older cloud");
+}
+
+#[test]
+fn masks_and_regions_leave_no_point_outside() {
+    let scene = Scene::new(128, 96, 4);
+    let folder = true_maps(&scene);
+    std::fs::create_dir_all(scene.path("masks")).unwrap();
+    let size = scene.views[0].depth.size();
+    let black_left = Grid::from_fn(size, |x, _| if x < size.width / 2 { 0_u16 } else { u16::MAX });
+    for view in 0..4 {
+        vamvs::io::image::save_png_gray16(&scene.path(&format!("masks/{view:04}.png")), &black_left).unwrap();
+    }
+    let out = scene.path("part.ply");
+    let run = |arguments: &[&str]| {
+        let output = vamvs().arg("fuse").arg(folder.root()).arg("--out").arg(&out).args(arguments).output().unwrap();
+        expect_success(&output);
+        vamvs::io::ply::read(&out).unwrap()
+    };
+    let all = run(&[]);
+    let masks = scene.path("masks");
+    let masked = run(&["--masks", masks.to_str().unwrap(), "--min-views", "2"]);
+    assert!(!masked.is_empty() && masked.len() < all.len());
+    let roi = run(&["--roi", "-0.5", "-0.5", "0.1", "0.5", "0.5", "1"]);
+    assert!(!roi.is_empty() && roi.len() < all.len());
+    for point in &roi {
+        let [x, y, z] = point.x_in_world;
+        assert!((-0.51..0.51).contains(&x) && (-0.51..0.51).contains(&y) && (0.09..1.01).contains(&z));
+    }
+}
+
+#[test]
+fn folders_that_are_none_and_broken_maps_are_named() {
+    let scene = Scene::new(96, 64, 3);
+    let missing = error_of(&vamvs().arg("fuse").arg(scene.path("nothing")).output().unwrap());
+    assert!(missing.contains("nothing") && missing.contains("depths/"), "{missing}");
+    let folder = true_maps(&scene);
+    let bytes = std::fs::read(folder.depth("0001")).unwrap();
+    write(&folder.depth("0001"), &bytes[..bytes.len() / 2]);
+    let broken = error_of(&vamvs().arg("fuse").arg(folder.root()).output().unwrap());
+    assert!(broken.contains("0001.pfm"), "{broken}");
+    assert!(!folder.cloud().exists());
+}
+
+#[test]
+fn names_differ_even_where_photographs_differ_only_in_folder_or_extension() {
+    let view = |name: &str| View {
+        id: 0,
+        name: name.to_owned(),
+        camera: Camera {
+            size: vamvs::core::Size::new(8, 8),
+            intrinsics: vamvs::core::Intrinsics { fx: 1.0, fy: 1.0, cx: 4.0, cy: 4.0 },
+            lens: Lens::None,
+        },
+        cam_from_world: vamvs::core::Pose::identity(),
+        depth_range: None,
+    };
+    let names = vamvs::output::names(&[view("a/x.jpg"), view("b/x.jpg"), view("y.jpg"), view("y.png")]);
+    assert_eq!(names, ["a__x", "b__x", "y.jpg", "y.png"]);
+    let help = vamvs().args(["fuse", "--help"]).output().unwrap();
+    assert!(help.status.success() && stderr(&help).is_empty());
+}

@@ -1,0 +1,55 @@
+//! Killed at any moment and started again: the run goes on and ends as if nothing had happened.
+
+#![cfg(feature = "net")]
+
+mod common;
+
+use std::time::{Duration, Instant};
+
+use common::{Scene, content, expect_success, stderr};
+
+#[test]
+fn a_killed_run_resumes_to_the_same_result() {
+    let scene = Scene::new(160, 120, 6);
+    let begin = Instant::now();
+    expect_success(&scene.run("reconstruct", &["--quiet"]));
+    let whole = begin.elapsed();
+    let undisturbed = content(&scene.out());
+    std::fs::remove_dir_all(scene.out()).unwrap();
+    for share in [0.15, 0.35, 0.5, 0.7, 0.9] {
+        let mut run = scene.command("reconstruct", &["--quiet"]).spawn().unwrap();
+        std::thread::sleep(Duration::from_secs_f64(share * whole.as_secs_f64()));
+        run.kill().unwrap();
+        run.wait().unwrap();
+    }
+    expect_success(&scene.run("reconstruct", &["--quiet"]));
+    let resumed = content(&scene.out());
+    let left: Vec<_> = resumed.keys().filter(|path| !undisturbed.contains_key(*path)).collect();
+    // What a killed run was writing at that moment stays as a file of that temporary name.
+    assert!(left.iter().all(|path| path.file_name().unwrap().to_string_lossy().starts_with(".vamvs-")), "{left:?}");
+    for (path, bytes) in &undisturbed {
+        assert!(resumed.get(path) == Some(bytes), "{} differs", path.display());
+    }
+}
+
+#[test]
+fn a_second_run_keeps_what_is_there_and_other_settings_or_photographs_redo_it() {
+    let scene = Scene::new(128, 96, 3);
+    let summary = |arguments: &[&str]| {
+        let output = scene.run("depth", arguments);
+        expect_success(&output);
+        let said = stderr(&output);
+        said.lines().find(|line| line.contains("depth maps made")).unwrap().to_owned()
+    };
+    assert!(summary(&[]).starts_with("3 depth maps made, 0 were there"));
+    assert!(summary(&[]).starts_with("0 depth maps made, 3 were there"));
+    assert!(summary(&["--threads", "1"]).starts_with("0 depth maps made, 3 were there"));
+    assert!(summary(&["--force"]).starts_with("3 depth maps made, 0 were there"));
+    assert!(summary(&["--planes", "24"]).starts_with("3 depth maps made, 0 were there"));
+    // One view's source photograph changes: the maps that use it are made anew.
+    let image = scene.path("images/0002.png");
+    vamvs::io::image::save_png_rgb(&image, &scene.views[0].photo.image).unwrap();
+    assert!(summary(&["--planes", "24", "--views", "2"]).starts_with("3 depth maps made, 0 were there"));
+    vamvs::io::image::save_png_rgb(&image, &scene.views[2].photo.image).unwrap();
+    assert!(!summary(&["--planes", "24", "--views", "2"]).starts_with("0 depth maps made"));
+}

@@ -1,0 +1,186 @@
+//! The network crate on rendered scenes: exact truth, invariances, independence of how the work is cut.
+
+use nalgebra::{Rotation3, Vector3};
+use vamvs_core::{DepthMap, DepthRange, Photo, Planes, Pose, Size, Spacing};
+use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile, tch};
+use vamvs_tests::{Rendered, fixtures, folder};
+
+const AGGREGATIONS: [&str; 6] = ["avg", "max", "var", "vis-avg", "vis-max", "vis-var"];
+
+fn module(name: &str) -> Network {
+    let root = env!("CARGO_MANIFEST_DIR");
+    let path = match name {
+        "photometric" => format!("{root}/../weights/photometric.pt"),
+        _ => format!("{root}/modules/{name}.pt"),
+    };
+    Network::load(path.as_ref(), Device::Cpu).unwrap()
+}
+
+fn estimator(name: &str) -> Estimator {
+    let network = module(name);
+    let options = EstimatorOptions::of(&network);
+    Estimator::new(network, options).unwrap()
+}
+
+/// The depth map of the first photo by comparison with the others.
+fn depth(estimator: &Estimator, photos: &[&Photo], planes: &Planes) -> DepthMap {
+    let encoded: Vec<_> = tch::no_grad(|| photos.iter().map(|photo| estimator.network().encode(photo).unwrap()).collect());
+    let sources: Vec<_> = encoded[1..].iter().collect();
+    estimator.estimate(&encoded[0], &sources, planes, &mut Profile::default()).unwrap()
+}
+
+fn planes(view: &Rendered, count: usize) -> Planes {
+    Planes { range: folder::depth_range(view).unwrap(), count, spacing: Spacing::Depth }
+}
+
+/// Share of pixels whose depths differ by less than `limit`, relatively.
+fn agreement(a: &DepthMap, b: &DepthMap, scale: f64, limit: f64) -> f64 {
+    assert_eq!(a.depth.size(), b.depth.size());
+    let pairs = a.depth.data().iter().zip(b.depth.data());
+    let close = pairs.filter(|(a, b)| (f64::from(**a) * scale - f64::from(**b)).abs() < limit * f64::from(**b));
+    close.count() as f64 / a.depth.data().len() as f64
+}
+
+#[test]
+fn all_aggregations_give_depth_and_confidence_for_any_size_and_number_of_views() {
+    let views = fixtures::still_life(Size::new(107, 85), 4);
+    for name in AGGREGATIONS {
+        let estimator = estimator(name);
+        for count in [2, 4] {
+            let photos: Vec<_> = views[..count].iter().map(|view| &view.photo).collect();
+            let planes = planes(&views[0], 16);
+            let map = depth(&estimator, &photos, &planes);
+            assert_eq!(map.depth.size(), Size::new(53, 42), "{name}");
+            let DepthRange { near, far } = planes.range;
+            let margin = 0.3 * (far - near);
+            let in_range = |d: &f32| (near - margin..far + margin).contains(&f64::from(*d));
+            assert!(map.depth.data().iter().all(in_range), "{name}, {count} views");
+            let shares = map.confidence.data().iter().chain(map.coarse_confidence.as_ref().unwrap().data());
+            assert!(shares.into_iter().all(|c| (0.0..=1.0001).contains(c)), "{name}, {count} views");
+        }
+    }
+}
+
+#[test]
+fn the_order_of_source_views_does_not_matter() {
+    let views = fixtures::still_life(Size::new(96, 64), 4);
+    for name in AGGREGATIONS {
+        let estimator = estimator(name);
+        let planes = planes(&views[0], 16);
+        let in_order = |order: [usize; 4]| depth(&estimator, &order.map(|i| &views[i].photo), &planes);
+        let (a, b) = (in_order([0, 1, 2, 3]), in_order([0, 3, 1, 2]));
+        assert!(agreement(&a, &b, 1.0, 1e-4) > 0.999, "{name}: {}", agreement(&a, &b, 1.0, 1e-4));
+    }
+}
+
+#[test]
+fn the_result_does_not_depend_on_slabs_strips_or_threads() {
+    let views = fixtures::still_life(Size::new(160, 224), 3);
+    let photos: Vec<_> = views.iter().map(|view| &view.photo).collect();
+    for name in ["vis-var", "vis-max", "photometric"] {
+        let planes = planes(&views[0], 24);
+        let with = |slab_bytes: usize, strip_points: usize, threads: i32| {
+            let network = module(name);
+            let options = EstimatorOptions { slab_bytes, strip_points, ..EstimatorOptions::of(&network) };
+            let before = tch::get_num_threads();
+            tch::set_num_threads(threads);
+            let map = depth(&Estimator::new(network, options).unwrap(), &photos, &planes);
+            tch::set_num_threads(before);
+            map
+        };
+        // 5 hypotheses × 20 columns: strips of 8 of the 28 rows.
+        let (whole, cut) = (with(1 << 30, 1 << 30, 2), with(1, 800, 1));
+        let same = agreement(&whole, &cut, 1.0, 1e-4);
+        assert!(same > 0.999, "{name}: {same}");
+    }
+}
+
+#[test]
+fn scale_rotation_and_place_of_the_scene_change_nothing() {
+    let views = fixtures::still_life(Size::new(160, 128), 4);
+    let planes = planes(&views[0], 32);
+    let photos: Vec<_> = views.iter().map(|view| &view.photo).collect();
+    let rotation = Rotation3::from_euler_angles(0.4, -1.1, 2.0).into_inner();
+    for name in ["photometric", "vis-max"] {
+        let estimator = estimator(name);
+        let original = depth(&estimator, &photos, &planes);
+        for scale in [0.001, 1000.0] {
+            let shift = scale * Vector3::new(31.0, -17.0, 53.0);
+            let moved: Vec<Photo> = photos.iter().map(|photo| moved(photo, scale, &rotation, &shift)).collect();
+            let range = DepthRange { near: planes.range.near * scale, far: planes.range.far * scale };
+            let map = depth(&estimator, &moved.iter().collect::<Vec<_>>(), &Planes { range, ..planes });
+            let same = agreement(&original, &map, scale, 1e-3);
+            assert!(same > 0.99, "{name} at scale {scale}: {same}");
+        }
+    }
+}
+
+/// The photograph of the scene x ↦ scale · R · x + t.
+fn moved(photo: &Photo, scale: f64, rotation: &nalgebra::Matrix3<f64>, shift: &Vector3<f64>) -> Photo {
+    let new_rotation = photo.cam_from_world.rotation * rotation.transpose();
+    let translation = scale * photo.cam_from_world.translation - new_rotation * shift;
+    Photo { cam_from_world: Pose { rotation: new_rotation, translation }, ..photo.clone() }
+}
+
+#[test]
+fn photometric_reconstructs_a_tilted_plane() {
+    let views = fixtures::tilted_plane(Size::new(480, 360), 5);
+    let order = [2, 1, 3, 0, 4];
+    let map = depth(&estimator("photometric"), &order.map(|i| &views[i].photo), &planes(&views[2], 64));
+    let truth = &views[2].depth;
+    let (mut errors, mut inner) = (Vec::new(), Vec::new());
+    for y in 0..map.depth.height() {
+        for x in 0..map.depth.width() {
+            // The plane's depth at the corner of four pixels is the harmonic mean of theirs.
+            let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| truth[(2 * x + i, 2 * y + j)]);
+            let truth = 4.0 / four.iter().map(|d| 1.0 / d).sum::<f32>();
+            let error = (map.depth[(x, y)] - truth).abs() / truth;
+            errors.push(error);
+            if (40..200).contains(&x) && (30..150).contains(&y) {
+                inner.push(error);
+            }
+        }
+    }
+    let share = |errors: &[f32], limit: f32| errors.iter().filter(|e| **e < limit).count() as f64 / errors.len() as f64;
+    assert!(share(&inner, 0.005) > 0.95, "inner pixels within 0.5 %: {}", share(&inner, 0.005));
+    assert!(share(&inner, 0.01) > 0.99, "inner pixels within 1 %: {}", share(&inner, 0.01));
+    assert!(share(&errors, 0.02) > 0.9, "all pixels within 2 %: {}", share(&errors, 0.02));
+}
+
+#[test]
+fn a_region_gives_the_depth_of_the_whole_there() {
+    let views = fixtures::tilted_plane(Size::new(320, 240), 3);
+    let estimator = estimator("photometric");
+    let planes = planes(&views[1], 48);
+    let encoded: Vec<_> =
+        tch::no_grad(|| views.iter().map(|view| estimator.network().encode(&view.photo).unwrap()).collect());
+    let sources = [&encoded[0], &encoded[2]];
+    let whole = estimator.estimate(&encoded[1], &sources, &planes, &mut Profile::default()).unwrap();
+    let region = vamvs_core::roi::PixelBox { x0: 83, y0: 50, x1: 240, y1: 199 };
+    let (part, place) = encoded[1].cropped(&region).unwrap();
+    assert_eq!((place.x0, place.y0, place.x1, place.y1), (80, 48, 240, 200));
+    let map = estimator.estimate(&part, &sources, &planes, &mut Profile::default()).unwrap();
+    assert_eq!(map.depth.size(), Size::new(80, 76));
+    let (mut same, mut count) = (0, 0);
+    for y in 8..68 {
+        for x in 8..72 {
+            let (a, b) = (map.depth[(x, y)], whole.depth[(x + 40, y + 24)]);
+            same += usize::from((a - b).abs() < 0.005 * b);
+            count += 1;
+        }
+    }
+    assert!(same as f64 > 0.95 * f64::from(count), "{same} of {count}");
+}
+
+#[test]
+fn requests_without_sense_are_errors() {
+    let views = fixtures::tilted_plane(Size::new(64, 64), 2);
+    let estimator = estimator("photometric");
+    let encoded = estimator.network().encode(&views[0].photo).unwrap();
+    let planes = planes(&views[0], 16);
+    assert!(estimator.estimate(&encoded, &[], &planes, &mut Profile::default()).is_err());
+    let one = Planes { count: 1, ..planes };
+    assert!(estimator.estimate(&encoded, &[&encoded], &one, &mut Profile::default()).is_err());
+    let tiny = fixtures::tilted_plane(Size::new(16, 64), 1);
+    assert!(estimator.network().encode(&tiny[0].photo).unwrap_err().to_string().contains("16×64"));
+}
