@@ -12,8 +12,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let network = Network::load(arguments[0].as_ref(), Device::Cpu)?;
     let options = EstimatorOptions::of(&network);
     let estimator = Estimator::new(network, options)?;
-    let encoded: Vec<_> =
-        rendered.iter().map(|view| vamvs_net::tch::no_grad(|| estimator.network().encode(&view.photo))).collect::<Result<_, _>>()?;
+    let encoded: Vec<_> = rendered
+        .iter()
+        .map(|view| vamvs_net::tch::no_grad(|| estimator.network().encode(&view.photo)))
+        .collect::<Result<_, _>>()?;
     let reference = 4;
     let order = [3, 5, 2, 6, 1, 7, 0, 8];
     let sources: Vec<_> = order[..views - 1].iter().map(|&i| &encoded[i]).collect();
@@ -27,7 +29,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         spacing: Spacing::Depth,
     };
     let mut profile = Profile::default();
-    let stages = vamvs_net::tch::no_grad(|| estimator.stages(&encoded[reference], &sources, &planes, &mut profile))?;
+    let stages =
+        vamvs_net::tch::no_grad(|| estimator.stages(&encoded[reference], &sources, &planes, &mut profile))?;
     let unit = (planes.range.far - planes.range.near) / (count - 1) as f64;
     println!("range {near} {far}, plane distance {unit:.4}");
     for (index, stage) in stages.iter().enumerate() {
@@ -36,10 +39,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let u = Grid::from_vec(size, Vec::<f32>::try_from(stage.u.contiguous().flatten(0, -1))?);
         report(index, &u, truth, &planes);
         if let Ok(folder) = std::env::var("DUMP") {
-            let bytes: Vec<u8> = u.map(|u| planes.depth(f64::from(*u)) as f32).data().iter().flat_map(|v| v.to_le_bytes()).collect();
+            let bytes: Vec<u8> = u
+                .map(|u| planes.depth(f64::from(*u)) as f32)
+                .data()
+                .iter()
+                .flat_map(|v| v.to_le_bytes())
+                .collect();
             std::fs::write(format!("{folder}/stage{index}.f32"), bytes)?;
-            std::fs::write(format!("{folder}/truth.f32"), truth.data().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>())?;
-            std::fs::write(format!("{folder}/image.u8"), rendered[reference].photo.image.data().as_flattened())?;
+            std::fs::write(
+                format!("{folder}/truth.f32"),
+                truth.data().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>(),
+            )?;
+            std::fs::write(
+                format!("{folder}/image.u8"),
+                rendered[reference].photo.image.data().as_flattened(),
+            )?;
         }
     }
     Ok(())
@@ -51,10 +65,15 @@ fn report(index: usize, u: &Grid<f32>, truth: &Grid<f32>, planes: &Planes) {
     for y in 0..u.height() {
         for x in 0..u.width() {
             let (tx, ty) = (x * scale + scale / 2, y * scale + scale / 2);
-            let t = if scale == 1 { truth[(x, y)] } else {
+            let t = if scale == 1 {
+                truth[(x, y)]
+            } else {
                 let q = [truth[(tx, ty)], truth[(tx - 1, ty)], truth[(tx, ty - 1)], truth[(tx - 1, ty - 1)]];
-                let (lo, hi) = (q.iter().copied().fold(f32::MAX, f32::min), q.iter().copied().fold(0.0, f32::max));
-                if hi > lo * 1.02 { continue } // an edge
+                let (lo, hi) =
+                    (q.iter().copied().fold(f32::MAX, f32::min), q.iter().copied().fold(0.0, f32::max));
+                if hi > lo * 1.02 {
+                    continue;
+                } // an edge
                 q.iter().sum::<f32>() / 4.0
             };
             errors.push((planes.depth(f64::from(u[(x, y)])) - f64::from(t)).abs() / f64::from(t));
@@ -64,6 +83,12 @@ fn report(index: usize, u: &Grid<f32>, truth: &Grid<f32>, planes: &Planes) {
     let share = |limit: f64| errors.partition_point(|e| *e < limit) as f64 / errors.len() as f64;
     println!(
         "stage {index}: median {:.5}, within 0.1% {:.3}, 0.2% {:.3}, 0.5% {:.3}, 1% {:.3}, 2% {:.3}, 5% {:.3}",
-        errors[errors.len() / 2], share(0.001), share(0.002), share(0.005), share(0.01), share(0.02), share(0.05)
+        errors[errors.len() / 2],
+        share(0.001),
+        share(0.002),
+        share(0.005),
+        share(0.01),
+        share(0.02),
+        share(0.05)
     );
 }

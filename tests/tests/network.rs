@@ -24,7 +24,8 @@ fn estimator(name: &str) -> Estimator {
 
 /// The depth map of the first photo by comparison with the others.
 fn depth(estimator: &Estimator, photos: &[&Photo], planes: &Planes) -> DepthMap {
-    let encoded: Vec<_> = tch::no_grad(|| photos.iter().map(|photo| estimator.network().encode(photo).unwrap()).collect());
+    let encoded: Vec<_> =
+        tch::no_grad(|| photos.iter().map(|photo| estimator.network().encode(photo).unwrap()).collect());
     let sources: Vec<_> = encoded[1..].iter().collect();
     estimator.estimate(&encoded[0], &sources, planes, &mut Profile::default()).unwrap()
 }
@@ -37,7 +38,8 @@ fn planes(view: &Rendered, count: usize) -> Planes {
 fn agreement(a: &DepthMap, b: &DepthMap, scale: f64, limit: f64) -> f64 {
     assert_eq!(a.depth.size(), b.depth.size());
     let pairs = a.depth.data().iter().zip(b.depth.data());
-    let close = pairs.filter(|(a, b)| (f64::from(**a) * scale - f64::from(**b)).abs() < limit * f64::from(**b));
+    let close =
+        pairs.filter(|(a, b)| (f64::from(**a) * scale - f64::from(**b)).abs() < limit * f64::from(**b));
     close.count() as f64 / a.depth.data().len() as f64
 }
 
@@ -106,7 +108,8 @@ fn scale_rotation_and_place_of_the_scene_change_nothing() {
         let original = depth(&estimator, &photos, &planes);
         for scale in [0.001, 1000.0] {
             let shift = scale * Vector3::new(31.0, -17.0, 53.0);
-            let moved: Vec<Photo> = photos.iter().map(|photo| moved(photo, scale, &rotation, &shift)).collect();
+            let moved: Vec<Photo> =
+                photos.iter().map(|photo| moved(photo, scale, &rotation, &shift)).collect();
             let range = DepthRange { near: planes.range.near * scale, far: planes.range.far * scale };
             let map = depth(&estimator, &moved.iter().collect::<Vec<_>>(), &Planes { range, ..planes });
             let same = agreement(&original, &map, scale, 1e-3);
@@ -141,7 +144,9 @@ fn photometric_reconstructs_a_tilted_plane() {
             }
         }
     }
-    let share = |errors: &[f32], limit: f32| errors.iter().filter(|e| **e < limit).count() as f64 / errors.len() as f64;
+    let share = |errors: &[f32], limit: f32| {
+        errors.iter().filter(|e| **e < limit).count() as f64 / errors.len() as f64
+    };
     assert!(share(&inner, 0.005) > 0.95, "inner pixels within 0.5 %: {}", share(&inner, 0.005));
     assert!(share(&inner, 0.01) > 0.99, "inner pixels within 1 %: {}", share(&inner, 0.01));
     assert!(share(&errors, 0.02) > 0.9, "all pixels within 2 %: {}", share(&errors, 0.02));

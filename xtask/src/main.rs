@@ -1,11 +1,20 @@
 //! What the repository needs done beside building: `cargo xtask COMMAND`.
 
+mod colour;
+mod demo;
 mod libtorch;
+mod maps;
+mod page;
+mod panel;
+mod picture;
 mod pip;
 mod setup;
+mod splat;
 mod step;
 mod test;
 mod unpack;
+mod vamvs;
+mod viewpoint;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -17,12 +26,16 @@ use clap::Parser;
 #[command(name = "cargo xtask", bin_name = "cargo xtask")]
 enum Command {
     Setup(setup::Setup),
+    Demo(demo::Demo),
+    Picture(picture::Picture),
     Test(test::Test),
 }
 
 fn main() -> ExitCode {
     let done = match Command::parse() {
         Command::Setup(setup) => setup.run(),
+        Command::Demo(demo) => demo.run(),
+        Command::Picture(picture) => picture.run(),
         Command::Test(test) => test.run(),
     };
     if let Err(error) = &done {

@@ -29,7 +29,9 @@ pub enum Command {
     #[command(after_help = FUSE_EXAMPLES)]
     Fuse(FuseArguments),
     /// What a file or folder is: weights, cloud, depth map, COLMAP model; or `device`.
-    #[command(after_help = "Examples:\n  vamvs info weights/photometric.pt\n  vamvs info out/fused.ply\n  vamvs info sparse/0\n  vamvs info device")]
+    #[command(
+        after_help = "Examples:\n  vamvs info weights/photometric.pt\n  vamvs info out/fused.ply\n  vamvs info sparse/0\n  vamvs info device"
+    )]
     Info(InfoArguments),
 }
 

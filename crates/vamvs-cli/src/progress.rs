@@ -19,7 +19,9 @@ impl Progress {
         let visible = terminal && !quiet;
         let target = if visible { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
         let bar = ProgressBar::with_draw_target(Some(0), target);
-        if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} [{elapsed}, {eta} left]") {
+        if let Ok(style) =
+            ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} [{elapsed}, {eta} left]")
+        {
             bar.set_style(style);
         }
         Self { quiet, bar, terminal }
@@ -44,7 +46,8 @@ impl Progress {
             Event::DepthMap { name, done, total, resumed, time } => {
                 self.step("depth maps", done, total);
                 if !self.terminal {
-                    let how = if resumed { "is there".to_owned() } else { format!("{:.1} s", time.as_secs_f64()) };
+                    let how =
+                        if resumed { "is there".to_owned() } else { format!("{:.1} s", time.as_secs_f64()) };
                     self.say(&format!("depth {done}/{total} {name}: {how}"));
                 }
             }

@@ -55,8 +55,10 @@ impl Settings {
         let mut settings = match &common.config {
             None => Self::default(),
             Some(path) => {
-                let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-                toml::from_str(&text).with_context(|| format!("{} is not a settings file of vamvs", path.display()))?
+                let text = std::fs::read_to_string(path)
+                    .with_context(|| format!("cannot read {}", path.display()))?;
+                toml::from_str(&text)
+                    .with_context(|| format!("{} is not a settings file of vamvs", path.display()))?
             }
         };
         set(&mut settings.threads, common.threads.map(Some));
@@ -178,10 +180,15 @@ mod depth {
                     cams: cams.clone(),
                     images,
                     pairs: self.pairs.clone(),
-                    options: mvsnet::Options { depth_line: self.depth_line(), pixel_centre: self.pixel_centre() },
+                    options: mvsnet::Options {
+                        depth_line: self.depth_line(),
+                        pixel_centre: self.pixel_centre(),
+                    },
                 }),
                 (None, Some(model)) => Ok(Input::Colmap { model: model.clone(), images }),
-                (None, None) => bail!("no cameras: give a COLMAP model with --colmap, or MVSNet cameras with --cams"),
+                (None, None) => {
+                    bail!("no cameras: give a COLMAP model with --colmap, or MVSNet cameras with --cams")
+                }
                 (Some(_), Some(_)) => bail!("both cams and colmap are given: expected one of them"),
             }
         }

@@ -75,7 +75,8 @@ impl Planes {
         sources: &[(&Pinhole, &Pose)],
         most: usize,
     ) -> Self {
-        let mut spans: Vec<_> = sources.iter().filter_map(|source| image_span(range, reference, *source)).collect();
+        let mut spans: Vec<_> =
+            sources.iter().filter_map(|source| image_span(range, reference, *source)).collect();
         spans.sort_by(f64::total_cmp);
         let span = spans.get(spans.len() / 2).copied().unwrap_or(0.0);
         let count = (span / PIXELS_PER_PLANE).ceil().min(most as f64) as usize + 1;
@@ -124,7 +125,8 @@ mod tests {
             size: Size::new(800, 600),
             intrinsics: Intrinsics { fx: 1000.0, fy: 1000.0, cx: 400.0, cy: 300.0 },
         };
-        let (here, aside) = (Pose::identity(), Pose { translation: Vector3::new(-1.0, 0.0, 0.0), ..Pose::identity() });
+        let (here, aside) =
+            (Pose::identity(), Pose { translation: Vector3::new(-1.0, 0.0, 0.0), ..Pose::identity() });
         let range = DepthRange { near: 2.0, far: 10.0 };
         // A rectified pair: disparity 1000 · 1 · (1/2 − 1/10) = 400 pixels.
         let planes = Planes::fitting(range, (&camera, &here), &[(&camera, &aside)], 256);

@@ -15,7 +15,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let planes = Planes { range: DepthRange::try_new(4.0, 9.0)?, count, spacing: Spacing::Depth };
     let mut profile = Profile::default();
     let encoded = profile.time(Stage::Encode, || {
-        vamvs_net::tch::no_grad(|| photos.iter().map(|photo| estimator.network().encode(photo)).collect::<Result<Vec<_>, _>>())
+        vamvs_net::tch::no_grad(|| {
+            photos.iter().map(|photo| estimator.network().encode(photo)).collect::<Result<Vec<_>, _>>()
+        })
     })?;
     let sources: Vec<_> = encoded[1..].iter().collect();
     estimator.estimate(&encoded[0], &sources, &planes, &mut profile)?;
@@ -31,7 +33,12 @@ fn photo(size: Size, index: usize) -> Photo {
     Photo {
         camera: Pinhole {
             size,
-            intrinsics: Intrinsics { fx: size.width as f64, fy: size.width as f64, cx: size.width as f64 / 2.0, cy: size.height as f64 / 2.0 },
+            intrinsics: Intrinsics {
+                fx: size.width as f64,
+                fy: size.width as f64,
+                cx: size.width as f64 / 2.0,
+                cy: size.height as f64 / 2.0,
+            },
         },
         cam_from_world: Pose::look_at(&eye, &Vector3::new(0.0, 0.0, 6.0), &Vector3::new(0.0, -1.0, 0.0)),
         image: Grid::from_fn(size, |x, y| [((x * 7 + index * 13) ^ (y * 3)) as u8, (x * y) as u8, y as u8]),

@@ -108,7 +108,8 @@ impl Reducer {
                         features.f_mul(visibility)?
                     }
                     (Weight::Mask(total), None) => {
-                        let one = features.f_new_ones(vec![1; features.dim()], (features.kind(), features.device()))?;
+                        let one = features
+                            .f_new_ones(vec![1; features.dim()], (features.kind(), features.device()))?;
                         accumulate(total, &one)?;
                         features.shallow_clone()
                     }
@@ -137,7 +138,9 @@ impl Reducer {
                 let (mean, mean_square) = match weight {
                     Weight::Mask(Some(total)) => (sum.f_div(&total)?, squares.f_div(&total)?),
                     Weight::Mask(None) => (sum, squares),
-                    Weight::Count(count) => (sum.f_div_scalar(count as f64)?, squares.f_div_scalar(count as f64)?),
+                    Weight::Count(count) => {
+                        (sum.f_div_scalar(count as f64)?, squares.f_div_scalar(count as f64)?)
+                    }
                 };
                 Ok(Some(mean_square.f_sub(&mean.f_square()?)?))
             }

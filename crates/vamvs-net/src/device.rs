@@ -28,7 +28,9 @@ pub fn open_device(name: &str) -> Result<Device, NetError> {
             if index < usize::try_from(tch::Cuda::device_count()).unwrap_or(0) {
                 Ok(Device::Cuda(index))
             } else {
-                Err(unavailable("libtorch sees no such GPU; `cargo xtask setup --cuda` brings the libtorch that can use one"))
+                Err(unavailable(
+                    "libtorch sees no such GPU; `cargo xtask setup --cuda` brings the libtorch that can use one",
+                ))
             }
         }
     }

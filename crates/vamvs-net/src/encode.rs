@@ -35,7 +35,9 @@ impl Network {
     pub fn encode(&self, photo: &Photo) -> Result<EncodedView, NetError> {
         let size = photo.camera.size;
         if size.width < 32 || size.height < 32 {
-            return Err(NetError::Request(format!("a photograph of {size} pixels is too small: expected 32×32 at least")));
+            return Err(NetError::Request(format!(
+                "a photograph of {size} pixels is too small: expected 32×32 at least"
+            )));
         }
         let image = image_tensor(photo)?.f_to_device(self.device())?;
         let (_, _, height, width) = image.size4()?;
@@ -64,13 +66,18 @@ impl EncodedView {
             y1: region.y1.next_multiple_of(scale).min(self.padded.height),
         };
         if outer.x0 >= outer.x1 || outer.y0 >= outer.y1 {
-            return Err(NetError::Request(format!("the region {region:?} is empty or outside of the {} image", self.camera.size)));
+            return Err(NetError::Request(format!(
+                "the region {region:?} is empty or outside of the {} image",
+                self.camera.size
+            )));
         }
         let padded = Size::new(outer.x1 - outer.x0, outer.y1 - outer.y0);
         let part = |features: &Tensor, stride: usize| -> Result<Tensor, TchError> {
-            features
-                .f_narrow(2, (outer.y0 / stride) as i64, (padded.height / stride) as i64)?
-                .f_narrow(3, (outer.x0 / stride) as i64, (padded.width / stride) as i64)
+            features.f_narrow(2, (outer.y0 / stride) as i64, (padded.height / stride) as i64)?.f_narrow(
+                3,
+                (outer.x0 / stride) as i64,
+                (padded.width / stride) as i64,
+            )
         };
         let [half, quarter, eighth] = &self.flow;
         let camera = Pinhole {

@@ -8,7 +8,9 @@ use tch::TchError;
 #[derive(Debug, thiserror::Error)]
 pub enum NetError {
     /// The file holds no TorchScript module, or cannot be read.
-    #[error("{path}: not a TorchScript module that libtorch 2.11 can load; `vamvs info` tells what a file is, and models/README.md how to export one")]
+    #[error(
+        "{path}: not a TorchScript module that libtorch 2.11 can load; `vamvs info` tells what a file is, and models/README.md how to export one"
+    )]
     NotAModule {
         /// The file.
         path: PathBuf,
@@ -28,7 +30,9 @@ pub enum NetError {
         source: TchError,
     },
     /// A method answers with another shape than the contract says.
-    #[error("{module}: method `{method}` gave a tensor of shape {found:?}, expected {expected} (models/README.md)")]
+    #[error(
+        "{module}: method `{method}` gave a tensor of shape {found:?}, expected {expected} (models/README.md)"
+    )]
     Shape {
         /// Where the module came from.
         module: String,
@@ -59,6 +63,8 @@ pub enum NetError {
     #[error("{0}")]
     Request(String),
     /// A tensor operation failed: out of memory, as a rule.
-    #[error("a tensor operation failed (out of memory? try smaller images with --max-size, or fewer --planes)")]
+    #[error(
+        "a tensor operation failed (out of memory? try smaller images with --max-size, or fewer --planes)"
+    )]
     Tensor(#[from] TchError),
 }

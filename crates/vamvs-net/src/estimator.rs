@@ -28,7 +28,11 @@ impl EstimatorOptions {
     /// A network's own defaults.
     #[must_use]
     pub fn of(network: &Network) -> Self {
-        Self { iterations: network.manifest().iterations.clone(), slab_bytes: 32 << 20, strip_points: 200_000 }
+        Self {
+            iterations: network.manifest().iterations.clone(),
+            slab_bytes: 32 << 20,
+            strip_points: 200_000,
+        }
     }
 }
 
@@ -132,7 +136,12 @@ impl Estimator {
     }
 
     /// The last stage as a depth map, without the padding.
-    fn depth_map(&self, reference: &EncodedView, planes: &Planes, stages: &[PlaneMap]) -> Result<DepthMap, NetError> {
+    fn depth_map(
+        &self,
+        reference: &EncodedView,
+        planes: &Planes,
+        stages: &[PlaneMap],
+    ) -> Result<DepthMap, NetError> {
         let scale = self.options.iterations.last().map_or(COARSE_SCALE, |iteration| iteration.scale);
         let full = reference.camera.size;
         let size = Size::new(full.width / scale, full.height / scale);

@@ -81,10 +81,14 @@ pub(crate) fn check_iterations(iterations: &[Iteration]) -> Result<(), String> {
     let mut before = crate::encode::COARSE_SCALE;
     for Iteration { scale, step } in iterations {
         if ![8, 4, 2, 1].contains(scale) || *scale > before {
-            return Err(format!("has an iteration at scale {scale} after {before}: expected 8, 4, 2 or 1, never growing"));
+            return Err(format!(
+                "has an iteration at scale {scale} after {before}: expected 8, 4, 2 or 1, never growing"
+            ));
         }
         if !(step.is_finite() && *step > 0.0) {
-            return Err(format!("has an iteration with step {step}: expected a positive number of plane distances"));
+            return Err(format!(
+                "has an iteration with step {step}: expected a positive number of plane distances"
+            ));
         }
         before = *scale;
     }

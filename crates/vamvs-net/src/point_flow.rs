@@ -73,7 +73,8 @@ impl FlowStage<'_> {
             let end = (first + self.strip_rows).min(rows);
             let (top, bottom) = (first.saturating_sub(reach), (end + reach).min(rows));
             let strip = lattice.rows(top, bottom);
-            let map = self.refine_strip(&strip, &u.f_narrow(0, top as i64, (bottom - top) as i64)?, profile)?;
+            let map =
+                self.refine_strip(&strip, &u.f_narrow(0, top as i64, (bottom - top) as i64)?, profile)?;
             let inner = |map: &Tensor| map.f_narrow(0, (first - top) as i64, (end - first) as i64);
             let outer = |map: &Tensor| map.f_narrow(0, first as i64, (end - first) as i64);
             outer(refined)?.f_copy_(&inner(&map.u)?)?;
@@ -83,7 +84,12 @@ impl FlowStage<'_> {
     }
 
     /// One set of points: hypotheses, features, neighbours, flow (equations of section 3.4).
-    fn refine_strip(&self, lattice: &PixelLattice, u: &Tensor, profile: &mut Profile) -> Result<PlaneMap, NetError> {
+    fn refine_strip(
+        &self,
+        lattice: &PixelLattice,
+        u: &Tensor,
+        profile: &mut Profile,
+    ) -> Result<PlaneMap, NetError> {
         let Size { width, height } = lattice.size();
         let m = self.network.manifest().hypotheses as i64;
         let hypotheses = 2 * m + 1;
@@ -152,7 +158,9 @@ impl FlowStage<'_> {
                 reducer.add(&fetched, mask.transpose()?.as_ref())?;
             }
         }
-        reducer.finish()?.ok_or_else(|| NetError::Request("a depth map needs at least one source view".to_owned()))
+        reducer
+            .finish()?
+            .ok_or_else(|| NetError::Request("a depth map needs at least one source view".to_owned()))
     }
 
     /// vis-var's mask at the lattice's pixels: (1, 1, h·w).
@@ -163,7 +171,8 @@ impl FlowStage<'_> {
     /// The k nearest neighbours of each point: (1, P, k).
     fn neighbours(&self, points: &Tensor, size: Size, hypotheses: i64) -> Result<Tensor, NetError> {
         let k = self.network.manifest().neighbours;
-        let on_cpu = points.f_detach()?.f_tr()?.f_to_device(tch::Device::Cpu)?.f_contiguous()?.f_flatten(0, -1)?;
+        let on_cpu =
+            points.f_detach()?.f_tr()?.f_to_device(tch::Device::Cpu)?.f_contiguous()?.f_flatten(0, -1)?;
         let positions = Vec::<f32>::try_from(on_cpu)?;
         let (positions, _) = positions.as_chunks::<3>();
         let mut indices = vec![0_i64; positions.len() * k];

@@ -58,9 +58,15 @@ impl PixelLattice {
     pub fn rays(&self, camera: &Pinhole, device: Device) -> Result<Tensor, TchError> {
         let k = camera.intrinsics;
         let inverse = nalgebra::Matrix3::new(
-            1.0 / k.fx, 0.0, -k.cx / k.fx, //
-            0.0, 1.0 / k.fy, -k.cy / k.fy, //
-            0.0, 0.0, 1.0,
+            1.0 / k.fx,
+            0.0,
+            -k.cx / k.fx, //
+            0.0,
+            1.0 / k.fy,
+            -k.cy / k.fy, //
+            0.0,
+            0.0,
+            1.0,
         );
         self.mapped(&inverse, device)
     }

@@ -133,7 +133,12 @@ impl Network {
 
     /// Reference (1, C, h, w), warped source (D, C, h, w), plane coordinates in [0, 1] (D) → features of
     /// the pair (D, C', h, w).
-    pub(crate) fn relate(&self, reference: &Tensor, source: &Tensor, depth: &Tensor) -> Result<Tensor, NetError> {
+    pub(crate) fn relate(
+        &self,
+        reference: &Tensor,
+        source: &Tensor,
+        depth: &Tensor,
+    ) -> Result<Tensor, NetError> {
         let (d, _, h, w) = source.size4()?;
         let expected = "(ref (1, C, h, w), src (D, C, h, w), depth (D)) → (D, C', h, w)";
         let related = self.call("relate", expected, &[reference, source, depth])?;
@@ -175,7 +180,12 @@ impl Network {
         Ok(scores)
     }
 
-    fn call(&self, method: &'static str, expected: &'static str, inputs: &[&Tensor]) -> Result<Tensor, NetError> {
+    fn call(
+        &self,
+        method: &'static str,
+        expected: &'static str,
+        inputs: &[&Tensor],
+    ) -> Result<Tensor, NetError> {
         self.module.method_ts(method, inputs).map_err(|source| self.failed(method, expected, source))
     }
 

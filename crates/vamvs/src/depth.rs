@@ -65,13 +65,8 @@ pub struct DepthJob<'a> {
 pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<DepthSummary, VamvsError> {
     let names = names(&job.scene.views);
     prepare_output(job, &names)?;
-    let identity = Identity::new(
-        job.module,
-        job.estimator.options(),
-        job.options.max_size,
-        job.scene,
-        job.photographs,
-    )?;
+    let identity =
+        Identity::new(job.module, job.estimator.options(), job.options.max_size, job.scene, job.photographs)?;
     let capacity = job.options.feature_cache_mib << 20;
     let features = FeatureCache::new(job.scene, job.photographs, job.estimator.network(), capacity);
     let mut run = Run { job, names, identity, features, summary: DepthSummary::default() };
@@ -120,7 +115,12 @@ impl Run<'_> {
     }
 
     /// Makes one depth map unless it is there; says whether it was.
-    fn view(&mut self, view: usize, plan: &ViewPlan, on_event: &mut dyn FnMut(Event)) -> Result<bool, VamvsError> {
+    fn view(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        on_event: &mut dyn FnMut(Event),
+    ) -> Result<bool, VamvsError> {
         let record = Record { made_of: self.identity.of(view, plan) };
         let name = self.names[view].clone();
         if !self.job.force && self.job.output.saved(&name).as_ref() == Some(&record) {
@@ -155,7 +155,8 @@ impl Run<'_> {
         let mut map = match plan.region {
             None => self.job.estimator.estimate(&reference.features, &features, &plan.planes, profile)?,
             Some(region) => {
-                let (part, place) = reference.features.cropped(&widened(region, reference.photo.camera.size))?;
+                let (part, place) =
+                    reference.features.cropped(&widened(region, reference.photo.camera.size))?;
                 let map = self.job.estimator.estimate(&part, &features, &plan.planes, profile)?;
                 placed(&map, reference.photo.camera, place, region)
             }
@@ -212,7 +213,8 @@ fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBox) -
 
 fn warn_of_range_ends(name: &str, map: &DepthMap, range: DepthRange, on_event: &mut dyn FnMut(Event)) {
     let margin = END_SHARE * (range.far - range.near);
-    let confident = map.depth.data().iter().zip(map.confidence.data()).filter(|(d, c)| **d > 0.0 && **c > 0.5);
+    let confident =
+        map.depth.data().iter().zip(map.confidence.data()).filter(|(d, c)| **d > 0.0 && **c > 0.5);
     let (mut total, mut near, mut far) = (0_usize, 0_usize, 0_usize);
     for (depth, _) in confident {
         total += 1;

@@ -33,8 +33,20 @@ pub struct FeatureCache<'a> {
 }
 
 impl<'a> FeatureCache<'a> {
-    pub fn new(scene: &'a Scene, photographs: &'a Photographs, network: &'a Network, capacity: usize) -> Self {
-        Self { scene, photographs, network, capacity, kept: Vec::new(), noted: vec![false; scene.views.len()] }
+    pub fn new(
+        scene: &'a Scene,
+        photographs: &'a Photographs,
+        network: &'a Network,
+        capacity: usize,
+    ) -> Self {
+        Self {
+            scene,
+            photographs,
+            network,
+            capacity,
+            kept: Vec::new(),
+            noted: vec![false; scene.views.len()],
+        }
     }
 
     /// The features of a view.

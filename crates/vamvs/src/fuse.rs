@@ -76,23 +76,35 @@ struct SavedMaps {
 }
 
 impl SavedMaps {
-    fn open(folder: &OutputFolder, masks: Option<&Path>, on_event: &mut dyn FnMut(Event)) -> Result<Self, VamvsError> {
+    fn open(
+        folder: &OutputFolder,
+        masks: Option<&Path>,
+        on_event: &mut dyn FnMut(Event),
+    ) -> Result<Self, VamvsError> {
         let pairs = folder.pairs();
         let pairs = pairs.is_file().then_some(pairs.as_path());
         let options = mvsnet::Options::default();
         let loaded = mvsnet::read_scene(&folder.cams(), &folder.images(), pairs, &options)?;
         loaded.warnings.into_iter().for_each(|warning| on_event(Event::Warning(warning)));
-        let (scene, missing) = with_depth(loaded.scene, folder);
+        let (scene, missing) = with_depth(&loaded.scene, folder);
         if missing > 0 {
-            on_event(Event::Warning(format!("{missing} view(s) have a camera but no depth map and are left out")));
+            on_event(Event::Warning(format!(
+                "{missing} view(s) have a camera but no depth map and are left out"
+            )));
         }
         if scene.views.len() < 2 {
             return Err(VamvsError::Folder {
                 path: folder.root().join("depths"),
-                problem: format!("expected depth maps of at least 2 of the views in cams/, found {}", scene.views.len()),
+                problem: format!(
+                    "expected depth maps of at least 2 of the views in cams/, found {}",
+                    scene.views.len()
+                ),
             });
         }
-        let cameras = scene.views.iter().map(|view| Pinhole { size: view.camera.size, intrinsics: view.camera.intrinsics });
+        let cameras = scene
+            .views
+            .iter()
+            .map(|view| Pinhole { size: view.camera.size, intrinsics: view.camera.intrinsics });
         Ok(Self {
             folder: folder.clone(),
             masks: masks.map(Path::to_owned),
@@ -122,7 +134,7 @@ impl SavedMaps {
 }
 
 /// The views that have a depth map, and how many have none.
-fn with_depth(scene: Scene, folder: &OutputFolder) -> (Scene, usize) {
+fn with_depth(scene: &Scene, folder: &OutputFolder) -> (Scene, usize) {
     let names = names(&scene.views);
     let kept: Vec<usize> = (0..names.len()).filter(|&view| folder.depth(&names[view]).is_file()).collect();
     let place = |view: &usize| kept.binary_search(view).ok();
@@ -153,7 +165,11 @@ impl MapSource for SavedMaps {
 }
 
 impl SavedMaps {
-    fn mask(&self, view: &vamvs_core::View, size: Size) -> Result<Option<vamvs_core::Grid<bool>>, VamvsError> {
+    fn mask(
+        &self,
+        view: &vamvs_core::View,
+        size: Size,
+    ) -> Result<Option<vamvs_core::Grid<bool>>, VamvsError> {
         let path = self.masks.as_deref().and_then(|folder| masks::find(folder, &view.name));
         Ok(path.map(|path| masks::load(&path, size)).transpose()?)
     }

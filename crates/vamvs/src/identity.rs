@@ -29,8 +29,10 @@ impl Identity {
     ) -> Result<Self, VamvsError> {
         use rayon::prelude::*;
         // Slabs and strips bound the memory and change nothing of the result.
-        let common = format!("{PIPELINE_VERSION} {} {:?} {max_size}", blake3::hash(module), options.iterations);
-        let views = scene.views.par_iter().map(|view| hash_view(view, photographs)).collect::<Result<_, _>>()?;
+        let common =
+            format!("{PIPELINE_VERSION} {} {:?} {max_size}", blake3::hash(module), options.iterations);
+        let views =
+            scene.views.par_iter().map(|view| hash_view(view, photographs)).collect::<Result<_, _>>()?;
         Ok(Self { common, views })
     }
 

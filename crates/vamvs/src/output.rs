@@ -127,14 +127,13 @@ impl OutputFolder {
     /// If a folder or file cannot be made, or the folder holds depth maps of other views.
     pub fn prepare(&self, names: &[&str], sources: &[Vec<usize>]) -> Result<(), VamvsError> {
         self.expect_only(names)?;
-        for folder in ["cams", "images", "depths", "confidence"].map(|folder| self.root.join(folder)) {
-            std::fs::create_dir_all(&folder).map_err(|source| IoError::System {
-                action: "make the folder",
-                path: folder.clone(),
-                source,
-            })?;
+        for folder in ["cams", "images", "depths", "confidence", "."].map(|folder| self.root.join(folder)) {
+            let failed = |source| IoError::System { action: "make the folder", path: folder.clone(), source };
+            std::fs::create_dir_all(&folder).map_err(failed)?;
+            remove_unfinished(&folder)?;
         }
-        let sorted: BTreeMap<String, usize> = (0..names.len()).map(|view| (names[view].to_owned(), view)).collect();
+        let sorted: BTreeMap<String, usize> =
+            (0..names.len()).map(|view| (names[view].to_owned(), view)).collect();
         let mut ids = vec![0; names.len()];
         for (&view, id) in sorted.values().zip(mvsnet::view_ids(sorted.keys())) {
             ids[view] = id;
@@ -151,7 +150,9 @@ impl OutputFolder {
             None => Ok(()),
             Some(file) => Err(VamvsError::Folder {
                 path: self.cams(),
-                problem: format!("{file} is of a view that this run does not make: choose another --out, or remove the old one"),
+                problem: format!(
+                    "{file} is of a view that this run does not make: choose another --out, or remove the old one"
+                ),
             }),
         }
     }
@@ -228,8 +229,9 @@ pub fn names(views: &[View]) -> Vec<String> {
 /// # Errors
 /// If the file cannot be written.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), VamvsError> {
-    let text = serde_json::to_string_pretty(value)
-        .map_err(|error| VamvsError::Request(format!("{}: cannot be written as JSON: {error}", path.display())))?;
+    let text = serde_json::to_string_pretty(value).map_err(|error| {
+        VamvsError::Request(format!("{}: cannot be written as JSON: {error}", path.display()))
+    })?;
     Ok(atomic::write(path, |out| writeln!(out, "{text}"))?)
 }
 
@@ -237,6 +239,13 @@ fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, VamvsError> {
     let folder = |problem: String| VamvsError::Folder { path: path.to_owned(), problem };
     let text = std::fs::read_to_string(path).map_err(|error| folder(format!("cannot be read: {error}")))?;
     serde_json::from_str(&text).map_err(|error| folder(format!("is not what vamvs wrote: {error}")))
+}
+
+/// Removes what a killed run was writing.
+fn remove_unfinished(folder: &Path) -> Result<(), VamvsError> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let unfinished = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(atomic::PREFIX));
+    unfinished.into_iter().try_for_each(|entry| remove(&entry.path()))
 }
 
 fn remove(path: &Path) -> Result<(), VamvsError> {

@@ -48,7 +48,8 @@ pub fn plan(
     let wanted = neighbours.max(options.views - 1);
     let selected = view_selection::select(scene, &cameras, wanted);
     let planner = Planner { scene, cameras: &cameras, options };
-    let views: Vec<_> = selected.iter().enumerate().map(|(view, sources)| planner.view(view, sources)).collect();
+    let views: Vec<_> =
+        selected.iter().enumerate().map(|(view, sources)| planner.view(view, sources)).collect();
     if let Some(reason) = nothing_to_do(scene, &views) {
         return Err(VamvsError::Request(reason));
     }
@@ -77,10 +78,15 @@ fn nothing_to_do(scene: &Scene, views: &[Result<ViewPlan, String>]) -> Option<St
     if views.iter().any(Result::is_ok) {
         return None;
     }
-    let reason = views.iter().zip(&scene.views).find_map(|(plan, view)| {
-        plan.as_ref().err().map(|reason| format!("{}: {reason}", view.name))
-    });
-    Some(format!("no depth can be estimated for any of the {} views: {}", views.len(), reason.unwrap_or_default()))
+    let reason = views
+        .iter()
+        .zip(&scene.views)
+        .find_map(|(plan, view)| plan.as_ref().err().map(|reason| format!("{}: {reason}", view.name)));
+    Some(format!(
+        "no depth can be estimated for any of the {} views: {}",
+        views.len(),
+        reason.unwrap_or_default()
+    ))
 }
 
 struct Planner<'a> {

@@ -33,12 +33,17 @@ pub fn settings(arguments: &DepthArguments) -> Result<Settings> {
 }
 
 /// Makes the depth maps and says what was done.
-pub fn estimate(arguments: &DepthArguments, settings: &Settings, progress: &Progress) -> Result<DepthSummary> {
+pub fn estimate(
+    arguments: &DepthArguments,
+    settings: &Settings,
+    progress: &Progress,
+) -> Result<DepthSummary> {
     settings.use_threads()?;
     let input = settings.input.scene()?;
     let loaded = input.load()?;
     loaded.warnings.iter().for_each(|warning| progress.warn(warning));
-    let photographs = Photographs::new(input.images(), settings.input.masks.as_deref(), settings.depth.max_size);
+    let photographs =
+        Photographs::new(input.images(), settings.input.masks.as_deref(), settings.depth.max_size);
     let plan = vamvs::plan(&loaded.scene, &photographs, &settings.depth, settings.fusion.neighbours)?;
     let estimator = estimator(settings, progress)?;
     say_plan(&loaded.scene, &plan, progress);
@@ -66,7 +71,10 @@ fn estimator(settings: &Settings, progress: &Progress) -> Result<Estimator> {
     let available = options.iterations.len();
     let wanted = settings.depth.iterations.unwrap_or(available);
     if wanted > available {
-        bail!("{wanted} iterations are asked for, but the network {} has {available}", network.manifest().name);
+        bail!(
+            "{wanted} iterations are asked for, but the network {} has {available}",
+            network.manifest().name
+        );
     }
     options.iterations.truncate(wanted);
     Ok(Estimator::new(network, options)?)
@@ -92,10 +100,14 @@ fn say_plan(scene: &Scene, plan: &Plan, progress: &Progress) {
 
 fn say_summary(summary: &DepthSummary, progress: &Progress) {
     let skipped = summary.skipped.len();
-    progress.say(&format!("{} depth maps made, {} were there, {skipped} views left out", summary.made, summary.resumed));
+    progress.say(&format!(
+        "{} depth maps made, {} were there, {skipped} views left out",
+        summary.made, summary.resumed
+    ));
     let total = summary.profile.total().as_secs_f64();
     if summary.made > 0 {
-        let stages = Stage::ALL.map(|stage| format!("{stage:?} {:.1} s", summary.profile.spent(stage).as_secs_f64()));
+        let stages =
+            Stage::ALL.map(|stage| format!("{stage:?} {:.1} s", summary.profile.spent(stage).as_secs_f64()));
         progress.say(&format!("network time {total:.1} s: {}", stages.join(", ").to_lowercase()));
     }
 }

@@ -32,7 +32,12 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
 }
 
 /// Fuses and says what became of the pixels; no points at all are an error.
-pub fn merge(folder: &OutputFolder, cloud: &Path, settings: &Settings, progress: &Progress) -> Result<FuseSummary> {
+pub fn merge(
+    folder: &OutputFolder,
+    cloud: &Path,
+    settings: &Settings,
+    progress: &Progress,
+) -> Result<FuseSummary> {
     let masks = settings.input.masks.as_deref();
     let fused = vamvs::fuse(folder, cloud, masks, &settings.fusion, &mut |event| progress.show(event))?;
     if fused.points == 0 {
@@ -48,6 +53,7 @@ pub fn merge(folder: &OutputFolder, cloud: &Path, settings: &Settings, progress:
 
 /// The summary for scripts.
 pub fn as_json(fused: &FuseSummary) -> serde_json::Value {
-    let views: Vec<_> = fused.views.iter().map(|(name, report)| json!({"view": name, "pixels": report})).collect();
+    let views: Vec<_> =
+        fused.views.iter().map(|(name, report)| json!({"view": name, "pixels": report})).collect();
     json!({"points": fused.points, "total": fused.total(), "views": views})
 }

@@ -1,10 +1,6 @@
 //! Bad input: a clear error with exit code 1, or handling that the documentation describes.
 
-#![cfg(feature = "net")]
-
-mod common;
-
-use common::{Scene, error_of, expect_success, stderr, vamvs, write};
+use crate::scene::{Scene, error_of, expect_success, stderr, vamvs, write};
 use vamvs::core::{Grid, Size};
 use vamvs::io::image;
 
@@ -79,7 +75,8 @@ fn one_view_and_views_without_overlap_are_errors() {
     let (r, t) = (scene.views[0].photo.cam_from_world.rotation, [900.0, 0.0, -900.0]);
     for row in 0..3 {
         let flip = if row == 1 { 1.0 } else { -1.0 };
-        let numbers = format!("{} {} {} {}", flip * r[(row, 0)], flip * r[(row, 1)], flip * r[(row, 2)], t[row]);
+        let numbers =
+            format!("{} {} {} {}", flip * r[(row, 0)], flip * r[(row, 1)], flip * r[(row, 2)], t[row]);
         edit_cam(&scene, 1, 1 + row, &numbers);
     }
     let said = scene.error("depth", &QUICK);
@@ -137,7 +134,13 @@ fn truncated_and_boastful_colmap_models_are_named() {
         write(&model.join("cameras.bin"), cameras);
         write(&model.join("images.bin"), [0; 8]);
         write(&model.join("points3D.bin"), [0; 8]);
-        let output = vamvs().arg("depth").arg("--colmap").arg(&model).arg("--images").arg(scene.path("images")).output();
+        let output = vamvs()
+            .arg("depth")
+            .arg("--colmap")
+            .arg(&model)
+            .arg("--images")
+            .arg(scene.path("images"))
+            .output();
         let said = error_of(&output.unwrap());
         assert!(said.contains(expected), "{said}");
     }
@@ -204,7 +207,8 @@ fn the_settings_that_are_written_repeat_the_run() {
     let scene = small();
     expect_success(&scene.run("depth", &QUICK));
     let config = scene.out().join("run.toml");
-    let output = vamvs().args(["depth", "--config"]).arg(&config).arg("--out").arg(scene.out()).output().unwrap();
+    let output =
+        vamvs().args(["depth", "--config"]).arg(&config).arg("--out").arg(scene.out()).output().unwrap();
     expect_success(&output);
     assert!(stderr(&output).contains("0 depth maps made, 3 were there"), "{}", stderr(&output));
 }

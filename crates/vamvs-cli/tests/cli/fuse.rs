@@ -1,8 +1,6 @@
 //! `vamvs fuse` on depth maps with exact truth; needs no network.
 
-mod common;
-
-use common::{Scene, error_of, expect_success, stderr, vamvs, write};
+use crate::scene::{Scene, error_of, expect_success, stderr, vamvs, write};
 use vamvs::core::{Camera, DepthMap, Grid, Lens, View};
 use vamvs::output::{OutputFolder, Record, SavedMap};
 
@@ -75,7 +73,8 @@ fn masks_and_regions_leave_no_point_outside() {
     }
     let out = scene.path("part.ply");
     let run = |arguments: &[&str]| {
-        let output = vamvs().arg("fuse").arg(folder.root()).arg("--out").arg(&out).args(arguments).output().unwrap();
+        let output =
+            vamvs().arg("fuse").arg(folder.root()).arg("--out").arg(&out).args(arguments).output().unwrap();
         expect_success(&output);
         vamvs::io::ply::read(&out).unwrap()
     };

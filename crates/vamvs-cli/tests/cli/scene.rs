@@ -32,6 +32,7 @@ impl Scene {
     }
 
     /// `vamvs COMMAND --cams … --images … --out …` with more arguments.
+    #[cfg(feature = "net")]
     pub fn command(&self, command: &str, arguments: &[&str]) -> Command {
         let mut run = vamvs();
         run.arg(command).arg("--cams").arg(self.path("cams")).arg("--images").arg(self.path("images"));
@@ -39,11 +40,13 @@ impl Scene {
         run
     }
 
+    #[cfg(feature = "net")]
     pub fn run(&self, command: &str, arguments: &[&str]) -> Output {
         self.command(command, arguments).output().unwrap()
     }
 
     /// Runs a command that must fail with exit code 1 and gives what it says.
+    #[cfg(feature = "net")]
     pub fn error(&self, command: &str, arguments: &[&str]) -> String {
         error_of(&self.run(command, arguments))
     }
@@ -73,7 +76,8 @@ pub fn write(path: &Path, bytes: impl AsRef<[u8]>) {
     vamvs::io::atomic::write(path, |out| out.write_all(bytes.as_ref())).unwrap();
 }
 
-/// All files below a folder with their bytes, but for the settings.
+/// All files below a folder with their bytes.
+#[cfg(feature = "net")]
 pub fn content(folder: &Path) -> std::collections::BTreeMap<PathBuf, Vec<u8>> {
     let mut files = std::collections::BTreeMap::new();
     for entry in std::fs::read_dir(folder).unwrap() {

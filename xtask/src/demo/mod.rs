@@ -1,0 +1,94 @@
+//! `cargo xtask demo`: a scene with known truth, reconstructed, judged and shown.
+
+mod judge;
+mod report;
+mod scene;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::Result;
+use clap::Args;
+
+use crate::vamvs;
+use report::{Pictures, Run};
+use scene::DemoScene;
+
+/// Reconstruct a rendered still life, compare the cloud with the truth and show it all on one page.
+///
+/// Sets up libtorch and builds the command first, if need be.
+#[derive(Args)]
+pub struct Demo {
+    /// Folder for scene, result, pictures and report.
+    #[arg(long, value_name = "DIR", default_value = "demo")]
+    out: PathBuf,
+}
+
+/// Wall-clock time of steps, in their order.
+#[derive(Default)]
+pub struct Times(Vec<(&'static str, f64)>);
+
+impl Demo {
+    pub fn run(&self) -> Result<()> {
+        let mut times = Times::default();
+        times.of("build", vamvs::build)?;
+        let scene = times.of("render the photographs", || {
+            let scene = DemoScene::render(&self.out.join("scene"));
+            scene.write().map(|()| scene)
+        })?;
+        let result = self.out.join("result");
+        let reconstruction = times.of("reconstruct", || reconstruct(&scene, &result))?;
+        let verdict = times.of("compare with the truth", || judge::judge(&scene, &result))?;
+        let pictures = times.of("draw pictures", || Pictures::draw(&scene, &verdict, &self.out))?;
+        let report = self.out.join("report.html");
+        let run =
+            Run { result: &result, reconstruction: &reconstruction, verdict: &verdict, pictures: &pictures };
+        run.page(&times)?.save(&report)?;
+        times.print();
+        print_results(&run, &self.out, &report);
+        Ok(())
+    }
+}
+
+fn reconstruct(scene: &DemoScene, out: &Path) -> Result<vamvs::Reconstruction> {
+    let (cams, images) = (scene.cams(), scene.images());
+    let arguments = ["--cams".as_ref(), cams.as_os_str(), "--images".as_ref(), images.as_os_str()];
+    vamvs::reconstruct(&[&arguments[..], &["--force".as_ref()]].concat(), out)
+}
+
+fn print_results(run: &Run, out: &Path, report: &Path) {
+    let agreement = &run.verdict.agreement;
+    println!(
+        "\n{} points within 1 % of the scene's depth: precision {:.3}, recall {:.3}, F-score {:.3}",
+        run.verdict.cloud.len(),
+        agreement.precision,
+        agreement.recall,
+        agreement.f_score
+    );
+    println!("\nscene     {}", out.join("scene").display());
+    println!("cloud     {}", run.result.join("fused.ply").display());
+    println!("pictures  {}", out.join("pictures").display());
+    println!("report    {}   (open it in a browser)", report.display());
+}
+
+impl Times {
+    /// Runs a step and books its time.
+    fn of<T>(&mut self, step: &'static str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        let start = Instant::now();
+        let result = work()?;
+        self.0.push((step, start.elapsed().as_secs_f64()));
+        Ok(result)
+    }
+
+    /// Steps and seconds.
+    pub fn steps(&self) -> &[(&'static str, f64)] {
+        &self.0
+    }
+
+    fn print(&self) {
+        println!();
+        for (step, seconds) in &self.0 {
+            println!("{step:24} {seconds:7.1} s");
+        }
+    }
+}

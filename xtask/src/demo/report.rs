@@ -1,0 +1,283 @@
+//! The demo's pictures and its page.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use nalgebra::Vector3;
+use vamvs_core::{CloudPoint, Size};
+use vamvs_eval::DepthErrors;
+use vamvs_io::image;
+
+use super::Times;
+use super::judge::{THRESHOLDS, Verdict};
+use super::scene::DemoScene;
+use crate::colour::Scale;
+use crate::maps::{relative_errors, spread, valid};
+use crate::page::{Legend, Page};
+use crate::panel;
+use crate::splat::{Look, Surfels};
+use crate::vamvs::{Pixels, Reconstruction};
+use crate::viewpoint::{Viewpoint, around, best_direction};
+
+/// Views that are shown.
+const SHOWN: [usize; 3] = [1, 5, 10];
+
+/// Width of one of the pictures of a view.
+const PANEL_WIDTH: usize = 400;
+
+/// The relative depth error with the last colour.
+const ERROR_END: f32 = 0.02;
+
+/// Size of the pictures of the cloud.
+const CLOUD_SIZE: Size = Size::new(960, 720);
+
+/// Where the cloud is seen from: how many degrees to the right of the best direction, and a name.
+const SIDES: [(f64, &str); 3] = [(-38.0, "left"), (0.0, "front"), (38.0, "right")];
+
+/// All of a demo that its page tells.
+pub struct Run<'a> {
+    /// Output folder of `vamvs`.
+    pub result: &'a Path,
+    /// What `vamvs` told.
+    pub reconstruction: &'a Reconstruction,
+    /// The comparison with the truth.
+    pub verdict: &'a Verdict,
+    /// The pictures' files.
+    pub pictures: &'a Pictures,
+}
+
+/// The pictures' files.
+pub struct Pictures {
+    views: Vec<ViewPicture>,
+    colours: Vec<PathBuf>,
+    clay: Vec<PathBuf>,
+    wrong: PathBuf,
+    missing: PathBuf,
+}
+
+struct ViewPicture {
+    view: usize,
+    file: PathBuf,
+    depths: (f32, f32),
+}
+
+impl Pictures {
+    /// Draws all pictures into `out/pictures`.
+    pub fn draw(scene: &DemoScene, verdict: &Verdict, out: &Path) -> Result<Self> {
+        let folder = out.join("pictures");
+        std::fs::create_dir_all(&folder)
+            .with_context(|| format!("{} could not be made", folder.display()))?;
+        let views = SHOWN.iter().map(|&view| view_picture(scene, verdict, view, &folder));
+        let views = views.collect::<Result<_>>()?;
+        let up = Vector3::z();
+        let best = best_direction(&verdict.cloud, &up);
+        let viewpoint = |angle: f64| {
+            Viewpoint::from_direction(&verdict.cloud, &around(&best, &up, angle), &up, CLOUD_SIZE)
+        };
+        let surfels = Surfels::new(&verdict.cloud);
+        let from_sides = |look: Look, what: &str| {
+            let draw = |(angle, name): (f64, &str)| {
+                let file = folder.join(format!("cloud-{what}-{name}.png"));
+                image::save_png_rgb(&file, &surfels.render(&viewpoint(angle), look))?;
+                Ok(file)
+            };
+            SIDES.into_iter().map(draw).collect::<Result<Vec<_>>>()
+        };
+        let from_front = |cloud: &[CloudPoint], name: &str| {
+            let file = folder.join(name);
+            let picture = Surfels::new(cloud).render(&viewpoint(0.0), Look::Colours);
+            image::save_png_rgb(&file, &picture)?;
+            anyhow::Ok(file)
+        };
+        Ok(Self {
+            views,
+            colours: from_sides(Look::Colours, "colour")?,
+            clay: from_sides(Look::Clay, "shape")?,
+            wrong: from_front(&verdict.wrong, "cloud-wrong.png")?,
+            missing: from_front(&verdict.missing, "cloud-missing.png")?,
+        })
+    }
+}
+
+/// Photograph, true depth, estimated depth, error and confidence of a view.
+fn view_picture(scene: &DemoScene, verdict: &Verdict, view: usize, folder: &Path) -> Result<ViewPicture> {
+    let (truth, map) = (&verdict.truth[view].depth, &verdict.maps[view]);
+    let true_depth = valid(truth);
+    let (near, far) = spread(&true_depth);
+    let parts = [
+        scene.views[view].photo.image.clone(),
+        Scale::Turbo.paint(&true_depth, near, far),
+        Scale::Turbo.paint(&valid(&map.depth), near, far),
+        Scale::Error.paint(&relative_errors(&map.depth, truth), 0.0, ERROR_END),
+        Scale::Confidence.paint(&map.confidence.map(|&confidence| Some(confidence)), 0.0, 1.0),
+    ];
+    let file = folder.join(format!("{}.png", DemoScene::name(view)));
+    let size = panel::of_width(parts[0].size(), PANEL_WIDTH);
+    image::save_png_rgb(&file, &panel::row(&parts, size))?;
+    Ok(ViewPicture { view, file, depths: (near, far) })
+}
+
+impl Run<'_> {
+    /// The page.
+    pub fn page(&self, times: &Times) -> Result<Page> {
+        let views = self.verdict.maps.len();
+        let size = self.verdict.truth[0].photo.image.size();
+        let mut page = Page::new(
+            "A still life, reconstructed",
+            &format!("{views} rendered photographs of {size} pixels with known cameras and exact truth."),
+        );
+        self.numbers(&mut page);
+        self.cloud(&mut page)?;
+        self.views(&mut page)?;
+        self.filters(&mut page);
+        self.times(&mut page, times);
+        self.settings(&mut page)?;
+        Ok(page)
+    }
+
+    fn numbers(&self, page: &mut Page) {
+        let (agreement, depth) = (&self.verdict.agreement, &self.verdict.depth);
+        page.figures(&[
+            (format!("{:.3}", agreement.f_score), "F-score"),
+            (format!("{:.3}", agreement.precision), "precision"),
+            (format!("{:.3}", agreement.recall), "recall"),
+            (grouped(self.verdict.cloud.len() as u64), "points"),
+            (percent(depth.median_relative, 2), "median depth error"),
+            (format!("{:.0} s", self.reconstruction.seconds), "from photographs to cloud"),
+        ]);
+        page.paragraph(&format!(
+            "Precision is the share of the cloud's points that are within {:.4} of the true surface (1 % of the \
+             scene's median depth), recall the share of the true surface that is within it of a point; surface \
+             that fewer than two photographs show does not count. The F-score is their harmonic mean. On \
+             average a point is {:.4} from the truth, and the truth {:.4} from a point.",
+            self.verdict.threshold, agreement.accuracy_mean, agreement.completeness_mean
+        ));
+    }
+
+    fn cloud(&self, page: &mut Page) -> Result<()> {
+        page.heading("The cloud");
+        let named = |files: &'_ [PathBuf], what: &str| -> Vec<(PathBuf, String)> {
+            let captions = SIDES.iter().map(|(_, side)| format!("{what}, from the {side}"));
+            files.iter().cloned().zip(captions).collect()
+        };
+        for pictures in [named(&self.pictures.colours, "Colours"), named(&self.pictures.clay, "Shape")] {
+            let pictures: Vec<_> =
+                pictures.iter().map(|(file, text)| (file.as_path(), text.as_str())).collect();
+            page.gallery(&pictures)?;
+        }
+        page.heading("What is wrong, what is missing");
+        page.legends(&[Legend {
+            what: "distance",
+            scale: Scale::Error,
+            low: "0".to_owned(),
+            high: format!("{:.3} and more: twice the threshold", 2.0 * self.verdict.threshold),
+        }]);
+        page.gallery(&[
+            (&self.pictures.wrong, "The cloud by its distance to the true surface"),
+            (&self.pictures.missing, "The true surface by its distance to the cloud"),
+        ])
+    }
+
+    fn views(&self, page: &mut Page) -> Result<()> {
+        page.heading("Depth maps");
+        page.legends(&[
+            legend("depth", Scale::Turbo, "near", "far"),
+            legend("relative error", Scale::Error, "0", "2 % and more"),
+            legend("confidence", Scale::Confidence, "0", "1"),
+        ]);
+        for picture in &self.pictures.views {
+            let (near, far) = picture.depths;
+            page.strip(
+                &picture.file,
+                &["photograph", "true depth", "estimated depth", "error", "confidence"],
+                &format!("{}: depth {near:.2} to {far:.2}", DemoScene::name(picture.view)),
+            )?;
+        }
+        let mut head = vec!["depths of all views".to_owned(), "share".to_owned(), "median error".to_owned()];
+        head.extend(THRESHOLDS.map(|threshold| format!("within {}", percent(threshold, 1))));
+        let head: Vec<_> = head.iter().map(String::as_str).collect();
+        page.table(
+            &head,
+            &[row("all", &self.verdict.depth), row("confident enough for fusion", &self.verdict.confident)],
+        );
+        Ok(())
+    }
+
+    fn filters(&self, page: &mut Page) {
+        page.heading("What became of the pixels");
+        page.table(&["", "pixels", "share"], &fates(&self.reconstruction.summary.fusion.total));
+    }
+
+    fn times(&self, page: &mut Page, times: &Times) {
+        page.heading("Where the time went");
+        let seconds = |(name, seconds): (&str, f64)| vec![name.to_owned(), format!("{seconds:.1} s")];
+        let mut rows: Vec<_> = times.steps().iter().map(|&step| seconds(step)).collect();
+        let mut stages: Vec<_> = self.reconstruction.summary.depth.seconds.iter().collect();
+        stages.sort_by(|a, b| b.1.total_cmp(a.1));
+        rows.extend(stages.iter().map(|(name, spent)| seconds((&format!("reconstruct: {name}"), **spent))));
+        page.table(&["", "time"], &rows);
+    }
+
+    fn settings(&self, page: &mut Page) -> Result<()> {
+        page.heading("Settings");
+        let file = self.result.join("run.toml");
+        let text = std::fs::read_to_string(&file)
+            .with_context(|| format!("{} could not be read", file.display()))?;
+        page.verbatim(&text);
+        Ok(())
+    }
+}
+
+fn legend(what: &'static str, scale: Scale, low: &str, high: &str) -> Legend {
+    Legend { what, scale, low: low.to_owned(), high: high.to_owned() }
+}
+
+fn row(name: &str, errors: &DepthErrors) -> Vec<String> {
+    let mut row = vec![name.to_owned(), percent(errors.coverage, 1), percent(errors.median_relative, 3)];
+    row.extend(errors.within.iter().map(|within| percent(within.share, 1)));
+    row
+}
+
+/// What became of pixels, line by line.
+fn fates(total: &Pixels) -> Vec<Vec<String>> {
+    let fates = [
+        ("all", total.pixels),
+        ("without depth", total.without_depth),
+        ("masked", total.masked),
+        ("not confident", total.unconfident),
+        ("outside of the region of interest", total.outside_roi),
+        ("not confirmed by other views", total.inconsistent),
+        ("merged into another view's point", total.merged),
+        ("became a point", total.points),
+    ];
+    let share = |count: u64| percent(count as f64 / total.pixels.max(1) as f64, 1);
+    fates.iter().map(|&(name, count)| vec![name.to_owned(), grouped(count), share(count)]).collect()
+}
+
+fn percent(share: f64, digits: usize) -> String {
+    format!("{:.digits$} %", 100.0 * share)
+}
+
+/// A number with narrow spaces between thousands.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut grouped = String::new();
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index) % 3 == 0 {
+            grouped.push('\u{202f}');
+        }
+        grouped.push(digit);
+    }
+    grouped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thousands_are_apart() {
+        let plain = |number| grouped(number).replace('\u{202f}', "_");
+        assert_eq!([0, 999, 1000, 1_234_567].map(plain), ["0", "999", "1_000", "1_234_567"]);
+    }
+}

@@ -1,0 +1,100 @@
+//! The `vamvs` command, built and run as people run it, and what it tells of a run.
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+use anyhow::{Context, Result, ensure};
+use serde::Deserialize;
+
+use crate::setup;
+use crate::step::{cargo, run};
+
+/// A `vamvs reconstruct` that succeeded.
+pub struct Reconstruction {
+    /// What it told.
+    pub summary: Summary,
+    /// Wall-clock time.
+    pub seconds: f64,
+}
+
+/// The summary that `vamvs reconstruct --json` prints.
+#[derive(Deserialize)]
+pub struct Summary {
+    /// Of the depth maps.
+    pub depth: DepthSummary,
+    /// Of the cloud.
+    pub fusion: FusionSummary,
+}
+
+/// What became of the views.
+#[derive(Deserialize)]
+pub struct DepthSummary {
+    /// Depth maps that were made.
+    pub made: usize,
+    /// Depth maps that were there already.
+    pub resumed: usize,
+    /// Time by stage of the network.
+    pub seconds: BTreeMap<String, f64>,
+}
+
+/// What became of the depth maps.
+#[derive(Deserialize)]
+pub struct FusionSummary {
+    /// What became of all pixels.
+    pub total: Pixels,
+}
+
+/// What became of pixels, each counted once beside `pixels`.
+#[derive(Clone, Copy, Deserialize)]
+pub struct Pixels {
+    pub pixels: u64,
+    pub without_depth: u64,
+    pub masked: u64,
+    pub unconfident: u64,
+    pub outside_roi: u64,
+    pub inconsistent: u64,
+    pub merged: u64,
+    pub points: u64,
+}
+
+impl Pixels {
+    /// The share of pixels that passed all filters, 0 to 1.
+    pub fn kept(&self) -> f64 {
+        (self.merged + self.points) as f64 / self.pixels.max(1) as f64
+    }
+}
+
+/// Builds the command, with libtorch if need be.
+pub fn build() -> Result<()> {
+    setup::ensure_any()?;
+    run("build", &mut cargo(&["build", "--release", "-p", "vamvs-cli"]))
+}
+
+/// Runs `vamvs reconstruct` into the folder `out`; its messages go to the terminal.
+pub fn reconstruct(arguments: &[impl AsRef<OsStr>], out: &Path) -> Result<Reconstruction> {
+    let start = Instant::now();
+    let mut command = Command::new(binary()?);
+    command.arg("reconstruct").args(arguments).arg("--out").arg(out).arg("--json");
+    println!("── {}", spelled(&command));
+    let output = command.stderr(Stdio::inherit()).output().context("vamvs could not be started")?;
+    ensure!(output.status.success(), "vamvs failed ({}); its message is above", output.status);
+    let summary =
+        serde_json::from_slice(&output.stdout).context("the summary of `vamvs reconstruct --json`")?;
+    Ok(Reconstruction { summary, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// The release build, beside the build that this program is of.
+fn binary() -> Result<PathBuf> {
+    let this = std::env::current_exe().context("where is this program?")?;
+    let target = this.ancestors().nth(2).context("this program is not in a target folder")?;
+    Ok(target.join("release").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX)))
+}
+
+/// The command as one would type it.
+fn spelled(command: &Command) -> String {
+    let arguments = command.get_args().map(|argument| argument.to_string_lossy());
+    std::iter::once("vamvs".into()).chain(arguments).collect::<Vec<_>>().join(" ")
+}
