@@ -2,8 +2,8 @@
 
 use vamvs_core::{Grid, Rgb};
 
-/// The colour of what has no value.
-pub const NOTHING: Rgb = [150, 150, 155];
+/// The colour of what has no value: grey.
+const NOTHING: Rgb = [150, 150, 155];
 
 /// A scale from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +42,7 @@ impl Scale {
 }
 
 /// A colour as CSS.
-pub fn css([r, g, b]: Rgb) -> String {
+fn css([r, g, b]: Rgb) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
@@ -53,7 +53,7 @@ fn turbo(x: f32) -> Rgb {
         (255.0 * value.clamp(0.0, 1.0)).round() as u8
     };
     [
-        channel([0.135_721_38, 4.615_392_6, -42.660_322, 132.131_08, -152.942_4, 59.286_38]),
+        channel([0.135_721_38, 4.615_392_6, -42.660_32, 132.131_08, -152.942_4, 59.286_38]),
         channel([0.091_402_61, 2.194_188_4, 4.842_966_6, -14.185_033, 4.277_298_6, 2.829_566]),
         channel([0.106_673_3, 12.641_946, -60.582_05, 110.362_77, -89.903_11, 27.348_25]),
     ]

@@ -1,13 +1,17 @@
 //! What the repository needs done beside building: `cargo xtask COMMAND`.
 
+mod bench;
 mod colour;
+mod convert;
 mod demo;
+mod frames;
 mod libtorch;
 mod maps;
 mod page;
 mod panel;
 mod picture;
 mod pip;
+mod real;
 mod setup;
 mod splat;
 mod step;
@@ -28,6 +32,8 @@ enum Command {
     Setup(setup::Setup),
     Demo(demo::Demo),
     Picture(picture::Picture),
+    Real(real::Real),
+    Bench(bench::Bench),
     Test(test::Test),
 }
 
@@ -36,6 +42,8 @@ fn main() -> ExitCode {
         Command::Setup(setup) => setup.run(),
         Command::Demo(demo) => demo.run(),
         Command::Picture(picture) => picture.run(),
+        Command::Real(real) => real.run(),
+        Command::Bench(bench) => bench.run(),
         Command::Test(test) => test.run(),
     };
     if let Err(error) = &done {

@@ -1,6 +1,6 @@
 //! A page of HTML that needs no other file: pictures are in it.
 
-use std::fmt::{Display, Write};
+use std::fmt::Display;
 use std::path::Path;
 
 use anyhow::{Context, Result};
@@ -8,7 +8,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use vamvs_io::atomic;
 
-use crate::colour::{NOTHING, Scale, css};
+use crate::colour::Scale;
 
 /// How it all looks.
 const STYLE: &str = include_str!("page.css");
@@ -71,9 +71,7 @@ impl Page {
     /// What the colours of the pictures tell.
     pub fn legends(&mut self, legends: &[Legend]) {
         let items = legends.iter().map(Legend::html).collect::<String>();
-        let none =
-            format!("<div class=\"legend\"><i style=\"background:{}\"></i>no value</div>", css(NOTHING));
-        self.add(format_args!("<div class=\"legends\">{items}{none}</div>"));
+        self.add(format_args!("<div class=\"legends\">{items}</div>"));
     }
 
     /// A picture of several parts side by side, each with its caption above.
@@ -120,15 +118,14 @@ impl Page {
     }
 
     fn add(&mut self, html: impl Display) {
-        // Writing to a string cannot fail.
-        let _ = writeln!(self.body, "{html}");
+        self.body.push_str(&format!("{html}\n"));
     }
 }
 
 impl Legend {
     fn html(&self) -> String {
         format!(
-            "<div class=\"legend\">{}<small>{}</small><i class=\"wide\" style=\"background:{}\"></i><small>{}</small></div>",
+            "<div class=\"legend\">{}<small>{}</small><i style=\"background:{}\"></i><small>{}</small></div>",
             escaped(self.what),
             escaped(&self.low),
             self.scale.css(),

@@ -6,7 +6,7 @@ use vamvs_io::image;
 /// Pixels between pictures.
 const GAP: usize = 6;
 
-/// Pictures side by side, each resized to the height of `size` and cut or filled up to its width.
+/// Pictures side by side, each resized to `size`, with a white gap between.
 pub fn row(pictures: &[Grid<Rgb>], size: Size) -> Grid<Rgb> {
     let resized: Vec<_> = pictures.iter().map(|picture| image::resize(picture, size)).collect();
     let width = (size.width + GAP) * pictures.len() - GAP;

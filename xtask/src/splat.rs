@@ -12,7 +12,7 @@ use vamvs_io::image;
 use crate::viewpoint::Viewpoint;
 
 /// What is where no point is.
-const BACKGROUND: [f32; 3] = [246.0, 246.0, 243.0];
+const BACKGROUND: [f32; 3] = [222.0, 225.0, 229.0];
 
 /// The colour of clay in white light.
 const CLAY: [f32; 3] = [236.0, 229.0, 216.0];
@@ -24,7 +24,7 @@ const SAMPLES: usize = 2;
 const NEIGHBOURS: NonZero<usize> = NonZero::new(6).unwrap();
 
 /// Discs are at most this many times larger than most.
-const LARGEST: f32 = 4.0;
+const LARGEST: f32 = 2.0;
 
 /// How the points look.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,10 +68,9 @@ impl<'a> Surfels<'a> {
         let size = view.camera.size;
         let fine_size = Size::new(SAMPLES * size.width, SAMPLES * size.height);
         let fine = Viewpoint { camera: view.camera.resized(fine_size), ..*view };
-        let lamp = lamp(&fine);
         let points = self.points.par_iter().zip(&self.radii);
         let splats: Vec<_> =
-            points.filter_map(|(point, &radius)| splat(point, radius, &fine, look, &lamp)).collect();
+            points.filter_map(|(point, &radius)| splat(point, radius, &fine, look)).collect();
         image::resize(&blend(&splats, fine_size), size)
     }
 }
@@ -93,23 +92,20 @@ fn radii(points: &[CloudPoint]) -> Vec<f32> {
     radii
 }
 
-/// Unit direction to a lamp above the viewer's left shoulder, in the camera's frame.
-fn lamp(view: &Viewpoint) -> Vector3<f64> {
-    let in_cam = Vector3::new(-0.5, -0.7, -1.0).normalize();
-    view.cam_from_world.rotation.transpose() * in_cam
+/// Direction to a lamp above the viewer's left shoulder, in the camera's frame.
+const TO_LAMP: Vector3<f64> = Vector3::new(-0.38, -0.53, -0.757);
+
+/// The light that clay of a unit normal (camera's frame) sends to the eye: some from everywhere, some
+/// from the eye's own direction, most from the lamp.
+fn light(normal_in_cam: &Vector3<f64>) -> f32 {
+    let (lamp, eye) = (normal_in_cam.dot(&TO_LAMP).max(0.0), (-normal_in_cam.z).max(0.0));
+    (0.15 + 0.3 * eye + 0.55 * lamp).min(1.0) as f32
 }
 
-fn splat(
-    point: &CloudPoint,
-    radius: f32,
-    view: &Viewpoint,
-    look: Look,
-    to_lamp: &Vector3<f64>,
-) -> Option<Splat> {
+fn splat(point: &CloudPoint, radius: f32, view: &Viewpoint, look: Look) -> Option<Splat> {
     let in_cam = view.cam_from_world.transform(&point.x_in_world.into());
     let at = view.camera.project_inside(&in_cam)?;
-    let normal = Vector3::from(point.normal).cast::<f64>();
-    let normal_in_cam = view.cam_from_world.rotation * normal;
+    let normal_in_cam = view.cam_from_world.rotation * Vector3::from(point.normal).cast::<f64>();
     let facing = normal_in_cam.dot(&in_cam.normalize()).abs();
     let tilt = normal_in_cam.xy().try_normalize(1e-6);
     Some(Splat {
@@ -122,7 +118,7 @@ fn splat(
         slack: 2.0 * radius,
         colour: match look {
             Look::Colours => point.colour.map(f32::from),
-            Look::Clay => CLAY.map(|channel| channel * (0.22 + 0.78 * normal.dot(to_lamp).max(0.0)) as f32),
+            Look::Clay => CLAY.map(|channel| channel * light(&normal_in_cam)),
         },
     })
 }

@@ -34,8 +34,6 @@ pub struct Summary {
 pub struct DepthSummary {
     /// Depth maps that were made.
     pub made: usize,
-    /// Depth maps that were there already.
-    pub resumed: usize,
     /// Time by stage of the network.
     pub seconds: BTreeMap<String, f64>,
 }

@@ -41,8 +41,13 @@ impl Demo {
         let verdict = times.of("compare with the truth", || judge::judge(&scene, &result))?;
         let pictures = times.of("draw pictures", || Pictures::draw(&scene, &verdict, &self.out))?;
         let report = self.out.join("report.html");
-        let run =
-            Run { result: &result, reconstruction: &reconstruction, verdict: &verdict, pictures: &pictures };
+        let run = Run {
+            scene: &scene,
+            result: &result,
+            reconstruction: &reconstruction,
+            verdict: &verdict,
+            pictures: &pictures,
+        };
         run.page(&times)?.save(&report)?;
         times.print();
         print_results(&run, &self.out, &report);

@@ -29,13 +29,15 @@ const PANEL_WIDTH: usize = 400;
 const ERROR_END: f32 = 0.02;
 
 /// Size of the pictures of the cloud.
-const CLOUD_SIZE: Size = Size::new(960, 720);
+const CLOUD_SIZE: Size = Size::new(800, 600);
 
 /// Where the cloud is seen from: how many degrees to the right of the best direction, and a name.
-const SIDES: [(f64, &str); 3] = [(-38.0, "left"), (0.0, "front"), (38.0, "right")];
+const SIDES: [(f64, &str); 3] = [(-32.0, "left"), (0.0, "front"), (32.0, "right")];
 
 /// All of a demo that its page tells.
 pub struct Run<'a> {
+    /// What was photographed.
+    pub scene: &'a DemoScene,
     /// Output folder of `vamvs`.
     pub result: &'a Path,
     /// What `vamvs` told.
@@ -120,12 +122,12 @@ fn view_picture(scene: &DemoScene, verdict: &Verdict, view: usize, folder: &Path
 impl Run<'_> {
     /// The page.
     pub fn page(&self, times: &Times) -> Result<Page> {
-        let views = self.verdict.maps.len();
-        let size = self.verdict.truth[0].photo.image.size();
-        let mut page = Page::new(
-            "A still life, reconstructed",
-            &format!("{views} rendered photographs of {size} pixels with known cameras and exact truth."),
+        let (photographs, size) = (self.scene.views.len(), self.scene.views[0].photo.image.size());
+        let lead = format!(
+            "{photographs} rendered photographs of {size} pixels, known cameras, depth maps of {} pixels, exact truth.",
+            self.verdict.maps[0].depth.size()
         );
+        let mut page = Page::new("A still life, reconstructed", &lead);
         self.numbers(&mut page);
         self.cloud(&mut page)?;
         self.views(&mut page)?;
@@ -182,7 +184,7 @@ impl Run<'_> {
         page.heading("Depth maps");
         page.legends(&[
             legend("depth", Scale::Turbo, "near", "far"),
-            legend("relative error", Scale::Error, "0", "2 % and more"),
+            legend("relative error", Scale::Error, "0", "2 % and more; grey: none"),
             legend("confidence", Scale::Confidence, "0", "1"),
         ]);
         for picture in &self.pictures.views {
@@ -263,7 +265,7 @@ fn grouped(number: u64) -> String {
     let digits = number.to_string();
     let mut grouped = String::new();
     for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index) % 3 == 0 {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
             grouped.push('\u{202f}');
         }
         grouped.push(digit);
