@@ -38,23 +38,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let size = Size::new(shape[1] as usize, shape[0] as usize);
         let u = Grid::from_vec(size, Vec::<f32>::try_from(stage.u.contiguous().flatten(0, -1))?);
         report(index, &u, truth, &planes);
-        if let Ok(folder) = std::env::var("DUMP") {
-            let bytes: Vec<u8> = u
-                .map(|u| planes.depth(f64::from(*u)) as f32)
-                .data()
-                .iter()
-                .flat_map(|v| v.to_le_bytes())
-                .collect();
-            std::fs::write(format!("{folder}/stage{index}.f32"), bytes)?;
-            std::fs::write(
-                format!("{folder}/truth.f32"),
-                truth.data().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>(),
-            )?;
-            std::fs::write(
-                format!("{folder}/image.u8"),
-                rendered[reference].photo.image.data().as_flattened(),
-            )?;
-        }
     }
     Ok(())
 }
