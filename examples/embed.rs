@@ -15,7 +15,7 @@ fn main() -> Result<(), VamvsError> {
     let input = Input::Colmap { model, images };
     let scene = input.load()?.scene;
     let photographs = Photographs::new(input.images(), None, depth.max_size);
-    let plan = vamvs::plan(&scene, &photographs, &depth, fusion.neighbours)?;
+    let plan = vamvs::plan(&scene, &photographs, &depth)?;
 
     let network = weights::load(None, Device::Cpu)?;
     let options = EstimatorOptions::of(&network);
@@ -34,6 +34,6 @@ fn main() -> Result<(), VamvsError> {
     };
     vamvs::estimate(&job, &mut show)?;
     let fused = vamvs::fuse(&output, &output.cloud(), None, &fusion, &mut show)?;
-    println!("{} points in {}", fused.points, output.cloud().display());
+    println!("{} points from {} views", fused.points, fused.views.len());
     Ok(())
 }

@@ -1,5 +1,7 @@
 //! The network crate on rendered scenes: exact truth, invariances, independence of how the work is cut.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
 use nalgebra::{Rotation3, Vector3};
 use vamvs_core::{DepthMap, DepthRange, Photo, Planes, Pose, Size, Spacing};
 use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile, tch};

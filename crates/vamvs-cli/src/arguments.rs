@@ -75,12 +75,22 @@ pub struct DepthArguments {
     /// What every command has.
     #[command(flatten)]
     pub common: CommonFlags,
-    /// Folder for depth maps, cloud and settings.
-    #[arg(short, long, default_value = "vamvs-out", value_name = "DIR")]
-    pub out: PathBuf,
+    /// Folder for depth maps, cloud and settings [default: that of the --config run.toml, else vamvs-out].
+    #[arg(short, long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     /// Make depth maps anew even if they are there already.
     #[arg(long)]
     pub force: bool,
+}
+
+#[cfg(feature = "net")]
+impl DepthArguments {
+    /// The output folder.
+    pub fn out(&self) -> PathBuf {
+        let settings = self.common.config.as_deref().filter(|file| file.ends_with("run.toml"));
+        let of_settings = || Some(settings?.parent()?.to_owned());
+        self.out.clone().or_else(of_settings).unwrap_or_else(|| PathBuf::from("vamvs-out"))
+    }
 }
 
 /// `fuse`.
@@ -92,7 +102,7 @@ pub struct FuseArguments {
     /// The cloud to write [default: OUT/fused.ply].
     #[arg(short, long, value_name = "FILE.ply")]
     pub out: Option<PathBuf>,
-    /// Folder of masks: NAME.png or NAME.EXT.png, 0 = ignore.
+    /// Folder of masks of the images in OUT/images: NAME.png, 0 = ignore.
     #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
     /// Points only in this box of the world.
@@ -225,7 +235,7 @@ pub struct FusionFlags {
     /// Views that must agree on a point, its own included [default: 3].
     #[arg(long, value_name = "N")]
     pub min_views: Option<usize>,
-    /// How far a pixel may come back from itself by way of another view, pixels [default: 1].
+    /// How far a pixel may come back from itself by way of another view, pixels of the depth map [default: 1].
     #[arg(long, value_name = "PIXELS")]
     pub max_reprojection: Option<f32>,
     /// How much the depth that comes back may differ, as a share [default: 0.01].

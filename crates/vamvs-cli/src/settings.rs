@@ -65,6 +65,17 @@ impl Settings {
         Ok(settings)
     }
 
+    /// The same settings with paths that hold from any folder.
+    #[cfg(feature = "net")]
+    pub fn absolute(&self) -> Result<Self> {
+        let mut settings = self.clone();
+        let InputSettings { cams, colmap, images, pairs, masks, .. } = &mut settings.input;
+        for path in [&mut settings.weights, cams, colmap, images, pairs, masks].into_iter().flatten() {
+            *path = std::path::absolute(&path).with_context(|| format!("{}", path.display()))?;
+        }
+        Ok(settings)
+    }
+
     /// The settings as TOML.
     #[cfg(feature = "net")]
     pub fn save(&self, path: &Path) -> Result<()> {
@@ -133,7 +144,7 @@ mod depth {
         pub fn apply_input(&mut self, flags: &InputFlags) {
             let input = &mut self.input;
             if flags.cams.is_some() {
-                input.colmap = None;
+                (input.colmap, input.pairs) = (None, None);
             }
             if flags.colmap.is_some() {
                 (input.cams, input.pairs) = (None, None);

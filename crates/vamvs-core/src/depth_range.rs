@@ -6,6 +6,7 @@ use crate::{Pose, Scene, Size, SparsePoint, View};
 
 /// Nearest and farthest depth, scene units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Ends")]
 pub struct DepthRange {
     /// Nearest depth, positive.
     pub near: f64,
@@ -21,6 +22,22 @@ pub struct DepthRangeError {
     pub near: f64,
     /// As given.
     pub far: f64,
+}
+
+/// A depth range as written, not checked yet.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Ends {
+    near: f64,
+    far: f64,
+}
+
+impl TryFrom<Ends> for DepthRange {
+    type Error = DepthRangeError;
+
+    fn try_from(Ends { near, far }: Ends) -> Result<Self, DepthRangeError> {
+        Self::try_new(near, far)
+    }
 }
 
 impl DepthRange {

@@ -80,7 +80,7 @@ impl Planes {
         spans.sort_by(f64::total_cmp);
         let span = spans.get(spans.len() / 2).copied().unwrap_or(0.0);
         let count = (span / PIXELS_PER_PLANE).ceil().min(most as f64) as usize + 1;
-        let count = count.next_multiple_of(8).clamp(FEWEST, most.max(FEWEST));
+        let count = count.next_multiple_of(8).clamp(FEWEST.min(most), most);
         let wide = range.far > WIDE_RATIO * range.near;
         Self { range, count, spacing: if wide { Spacing::InverseDepth } else { Spacing::Depth } }
     }

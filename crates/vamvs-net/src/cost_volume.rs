@@ -7,7 +7,7 @@ use tch::{Kind, TchError, Tensor};
 use vamvs_core::Planes;
 
 use crate::encode::COARSE_SCALE;
-use crate::project::{PixelLattice, Projection, depth_of, sample};
+use crate::project::{Outside, PixelLattice, Projection, depth_of, sample};
 use crate::{EncodedView, NetError, Network};
 
 /// The sweep of one reference view.
@@ -81,7 +81,7 @@ impl Sweep<'_> {
             reducer.add(&self.reference.coarse.f_expand([planes, -1, -1, -1], false)?, None)?;
         }
         for (index, (source, projection)) in self.sources.iter().enumerate() {
-            let warped = sample(&source.coarse, &projection.grid(&depth)?)?;
+            let warped = sample(&source.coarse, &projection.grid(&depth)?, Outside::Zero)?;
             if aggregation.relates_pairs() {
                 reducer.add(&self.network.relate(&self.reference.coarse, &warped, &coordinate)?, None)?;
             } else {
@@ -102,7 +102,7 @@ impl Sweep<'_> {
                 let mut pooled: Option<Tensor> = None;
                 for first in (0..self.planes.count).step_by(self.slab) {
                     let (depth, coordinate) = self.slab_depths(first)?;
-                    let warped = sample(&source.coarse, &projection.grid(&depth)?)?;
+                    let warped = sample(&source.coarse, &projection.grid(&depth)?, Outside::Zero)?;
                     let related = self.network.relate(&self.reference.coarse, &warped, &coordinate)?;
                     let best = related.f_amax([0], true)?;
                     pooled = Some(match pooled {

@@ -13,7 +13,7 @@ use vamvs_core::{Planes, Size};
 use crate::coarse::{PlaneMap, around};
 use crate::encode::COARSE_SCALE;
 use crate::profile::{Profile, Stage};
-use crate::project::{PixelLattice, Projection, depth_of, sample};
+use crate::project::{Outside, PixelLattice, Projection, depth_of, sample};
 use crate::script::POSITION_CHANNELS;
 use crate::{EncodedView, Iteration, NetError, Network};
 
@@ -142,7 +142,7 @@ impl FlowStage<'_> {
         let hypotheses = depth.size()[0];
         let device = depth.device();
         let reference_grid = lattice.grid(self.reference, device)?;
-        let reference = fetch_levels(&self.reference.flow, &reference_grid)?; // (1, C, h·w)
+        let reference = fetch_levels(&self.reference.flow, &reference_grid, Outside::Border)?; // (1, C, h·w)
         let reference = reference.f_expand([hypotheses, -1, -1], false)?;
         let mut reducer = aggregation.reducer();
         if !aggregation.relates_pairs() {
@@ -150,7 +150,7 @@ impl FlowStage<'_> {
         }
         for (index, source) in self.sources.iter().enumerate() {
             let projection = Projection::new(lattice, self.reference, source, self.planes.range.near)?;
-            let fetched = fetch_levels(&source.flow, &projection.grid(depth)?)?; // (J, C, h·w)
+            let fetched = fetch_levels(&source.flow, &projection.grid(depth)?, Outside::Zero)?; // (J, C, h·w)
             if aggregation.relates_pairs() {
                 reducer.add(&self.network.relate_flow(&reference, &fetched)?, None)?;
             } else {
@@ -165,7 +165,7 @@ impl FlowStage<'_> {
 
     /// vis-var's mask at the lattice's pixels: (1, 1, h·w).
     fn mask(&self, mask: &Tensor, reference_grid: &Tensor) -> Result<Tensor, TchError> {
-        sample(mask, reference_grid)?.f_flatten(2, 3)
+        sample(mask, reference_grid, Outside::Border)?.f_flatten(2, 3)
     }
 
     /// The k nearest neighbours of each point: (1, P, k).
@@ -184,9 +184,10 @@ impl FlowStage<'_> {
 }
 
 /// All levels at one grid, joined: (B, C₁ + C₂ + C₃, h·w).
-fn fetch_levels(levels: &[Tensor; 3], grid: &Tensor) -> Result<Tensor, TchError> {
+fn fetch_levels(levels: &[Tensor; 3], grid: &Tensor, outside: Outside) -> Result<Tensor, TchError> {
     let [half, quarter, eighth] = levels;
-    let sampled = [sample(half, grid)?, sample(quarter, grid)?, sample(eighth, grid)?];
+    let sampled =
+        [sample(half, grid, outside)?, sample(quarter, grid, outside)?, sample(eighth, grid, outside)?];
     Tensor::f_cat(&sampled, 1)?.f_flatten(2, 3)
 }
 
@@ -202,4 +203,69 @@ pub(crate) fn enlarge(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
         return Ok(map.shallow_clone());
     }
     map.f_unsqueeze(0)?.f_unsqueeze(0)?.f_upsample_nearest2d(target, None, None)?.f_squeeze()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The claim of this module's header: lattices with plain windows are the map with dilated ones.
+    #[test]
+    fn neighbours_in_a_lattice_are_those_in_the_dilated_window() {
+        const STEP: usize = 4;
+        let (width, height, hypotheses, k) = (24, 16, 3, 16);
+        let point = |x: usize, y: usize, j: usize| {
+            let wave = ((x * 37 + y * 91 + j * 53) % 101) as f32 / 101.0;
+            [x as f32 + 0.3 * wave, y as f32 - 0.2 * wave, 2.0 * j as f32 + wave]
+        };
+        let cloud = |xs: &[usize], ys: &[usize]| -> Vec<[f32; 3]> {
+            let pixels = ys.iter().flat_map(|&y| xs.iter().map(move |&x| (x, y)));
+            pixels.flat_map(|(x, y)| (0..hypotheses).map(move |j| point(x, y, j))).collect()
+        };
+        let all = |end: usize| (0..end).collect::<Vec<_>>();
+        let whole = cloud(&all(width), &all(height));
+        let mut dilated = vec![0; whole.len() * k];
+        WindowKnn { k, radius: WINDOW_RADIUS, dilation: STEP }.neighbours(
+            &whole,
+            width,
+            height,
+            hypotheses,
+            &mut dilated,
+        );
+        for (x0, y0) in [(0, 0), (3, 1), (2, 3)] {
+            let xs: Vec<usize> = (x0..width).step_by(STEP).collect();
+            let ys: Vec<usize> = (y0..height).step_by(STEP).collect();
+            let lattice = cloud(&xs, &ys);
+            let mut plain = vec![0; lattice.len() * k];
+            WindowKnn { k, radius: WINDOW_RADIUS, dilation: 1 }.neighbours(
+                &lattice,
+                xs.len(),
+                ys.len(),
+                hypotheses,
+                &mut plain,
+            );
+            let in_whole = |index: usize| {
+                let (pixel, j) = (index / hypotheses, index % hypotheses);
+                (ys[pixel / xs.len()] * width + xs[pixel % xs.len()]) * hypotheses + j
+            };
+            for (index, near) in plain.chunks_exact(k).enumerate() {
+                let expected = &dilated[in_whole(index) * k..][..k];
+                let found: Vec<i64> = near.iter().map(|&near| in_whole(near as usize) as i64).collect();
+                assert_eq!(found, expected);
+            }
+        }
+    }
+
+    #[test]
+    fn residues_share_memory_and_cover_the_map_once() {
+        let map = Tensor::zeros([6, 10], (Kind::Float, tch::Device::Cpu));
+        for y in 0..2 {
+            for x in 0..2 {
+                let mut part = residue(&map, x, y, 2).unwrap();
+                assert_eq!(part.size(), [3, 5]);
+                let _ = part.g_add_scalar_(1.0);
+            }
+        }
+        assert!(map.equal(&map.ones_like()));
+    }
 }

@@ -146,15 +146,23 @@ impl Projection {
     }
 }
 
-/// Samples features (1, C, H, W) bilinearly at grid (B, h, w, 2), zero outside → (B, C, h, w).
+/// What lies outside of a feature map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outside {
+    /// Nothing: a source view does not see it.
+    Zero = 0,
+    /// The border goes on: a view's own pixels near its border.
+    Border = 1,
+}
+
+/// Samples features (1, C, H, W) bilinearly at grid (B, h, w, 2) → (B, C, h, w).
 ///
 /// # Errors
 /// If memory runs out.
-pub fn sample(features: &Tensor, grid: &Tensor) -> Result<Tensor, TchError> {
+pub fn sample(features: &Tensor, grid: &Tensor, outside: Outside) -> Result<Tensor, TchError> {
     const BILINEAR: i64 = 0;
-    const ZEROS: i64 = 0;
     let batch = grid.size()[0];
-    features.f_expand([batch, -1, -1, -1], false)?.f_grid_sampler_2d(grid, BILINEAR, ZEROS, false)
+    features.f_expand([batch, -1, -1, -1], false)?.f_grid_sampler_2d(grid, BILINEAR, outside as i64, false)
 }
 
 /// The depths of plane coordinates `u`, in units of the range's near end, kept positive outside of it.
@@ -170,6 +178,94 @@ pub fn depth_of(planes: &vamvs_core::Planes, u: &Tensor) -> Result<Tensor, TchEr
         Spacing::InverseDepth => {
             let inverse = u.f_mul_scalar((1.0 / ratio - 1.0) / last)?.f_add_scalar(1.0)?;
             inverse.f_clamp_min(0.25 / ratio)?.f_reciprocal()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Vector2, Vector3};
+    use tch::Kind;
+    use vamvs_core::{DepthRange, Intrinsics, Planes, Pose, Spacing};
+
+    const CPU: (Kind, Device) = (Kind::Float, Device::Cpu);
+
+    fn view(eye: Vector3<f64>) -> EncodedView {
+        let size = Size::new(317, 236);
+        let feature = || Tensor::zeros([1, 1, 30, 40], CPU);
+        EncodedView {
+            camera: Pinhole { size, intrinsics: Intrinsics { fx: 300.0, fy: 310.0, cx: 160.2, cy: 117.9 } },
+            cam_from_world: Pose::look_at(&eye, &Vector3::new(0.1, 0.0, 5.0), &Vector3::new(0.0, -1.0, 0.2)),
+            padded: Size::new(320, 240),
+            coarse: feature(),
+            flow: [feature(), feature(), feature()],
+        }
+    }
+
+    #[test]
+    fn a_warped_plane_is_where_the_homography_puts_it() {
+        let (reference, source) = (view(Vector3::zeros()), view(Vector3::new(0.7, -0.2, 0.1)));
+        let source_from_reference = source.cam_from_world.compose(&reference.cam_from_world.inverse());
+        let transfer = PixelTransfer::new(&reference.camera, &source.camera, &source_from_reference);
+        let lattice = PixelLattice::new(8, (0, 0), 1, Size::new(40, 30));
+        let projection = Projection::new(&lattice, &reference, &source, 2.0).unwrap();
+        for depth in [2.0, 3.7, 11.0] {
+            let grid = projection.grid(&Tensor::from_slice(&[(depth / 2.0) as f32]).view([1, 1])).unwrap();
+            for (row, column) in [(0, 0), (29, 39), (13, 21)] {
+                let pixel = Vector2::new(lattice.x[column], lattice.y[row]);
+                let (expected, _) = transfer.project(&pixel, depth).unwrap();
+                let at = |axis: i64, side: f64| {
+                    0.5 * side * (grid.double_value(&[0, row as i64, column as i64, axis]) + 1.0)
+                };
+                let error = (Vector2::new(at(0, 320.0), at(1, 240.0)) - expected).amax();
+                assert!(error < 1e-4, "{error} pixels off at depth {depth}");
+            }
+        }
+    }
+
+    #[test]
+    fn sampling_at_the_own_pixels_gives_the_features_at_every_stride() {
+        let mut reference = view(Vector3::zeros());
+        reference.coarse = Tensor::randn([1, 2, 30, 40], CPU);
+        let grid = PixelLattice::new(8, (0, 0), 1, Size::new(40, 30)).grid(&reference, Device::Cpu).unwrap();
+        assert!(sample(&reference.coarse, &grid, Outside::Zero).unwrap().allclose(
+            &reference.coarse,
+            1e-4,
+            1e-4,
+            false
+        ));
+        // A linear ramp sampled at another stride's pixel centres gives those centres.
+        let ramp = (Tensor::arange(160, CPU) + 0.5) * 2.0;
+        let ramp = ramp.view([1, 1, 1, 160]).expand([1, 1, 120, 160], false);
+        let sampled = sample(&ramp, &grid, Outside::Zero).unwrap();
+        assert!((sampled.double_value(&[0, 0, 4, 7]) - 60.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn points_behind_the_source_are_outside() {
+        let (reference, source) = (view(Vector3::zeros()), view(Vector3::new(0.0, 0.0, 4.0)));
+        let lattice = PixelLattice::new(8, (0, 0), 1, Size::new(40, 30));
+        let projection = Projection::new(&lattice, &reference, &source, 1.0).unwrap();
+        let grid = projection.grid(&Tensor::from_slice(&[2.0_f32]).view([1, 1])).unwrap();
+        assert!(grid.max().double_value(&[]) < -5.0);
+        let ones = Tensor::ones([1, 1, 30, 40], CPU);
+        assert!(sample(&ones, &grid, Outside::Zero).unwrap().abs().max().double_value(&[]) == 0.0);
+    }
+
+    #[test]
+    fn depths_of_plane_coordinates_are_those_of_core() {
+        for spacing in [Spacing::Depth, Spacing::InverseDepth] {
+            let planes = Planes { range: DepthRange { near: 3.0, far: 17.0 }, count: 33, spacing };
+            let u = [0.0_f32, 1.5, 20.25, 32.0];
+            let depth = depth_of(&planes, &Tensor::from_slice(&u)).unwrap() * planes.range.near;
+            for (index, u) in u.iter().enumerate() {
+                let expected = planes.depth(f64::from(*u));
+                assert!((depth.double_value(&[index as i64]) - expected).abs() < 1e-5 * expected);
+            }
+            // Far outside of the range depths stay positive and finite.
+            let wild = depth_of(&planes, &Tensor::from_slice(&[-500.0_f32, 500.0])).unwrap();
+            assert!(wild.min().double_value(&[]) > 0.0 && wild.max().double_value(&[]).is_finite());
         }
     }
 }

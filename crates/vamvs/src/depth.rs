@@ -4,7 +4,7 @@ use std::rc::Rc;
 use std::time::Instant;
 
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthMap, DepthRange, Grid, Pinhole, Rgb, Scene, Size};
+use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Scene, Size};
 use vamvs_io::image;
 use vamvs_net::{EncodedView, Estimator, Profile};
 
@@ -13,11 +13,10 @@ use crate::identity::Identity;
 use crate::output::{Record, SavedMap, names};
 use crate::{DepthOptions, Event, OutputFolder, Photographs, Plan, VamvsError, ViewPlan};
 
-/// Pixels around a region of interest that are computed too, so that its border is as good as its
-/// middle.
+/// Pixels around a region of interest that are computed too, so that its border has neighbours.
 const REGION_MARGIN: usize = 32;
 
-/// A depth this close to an end of its range, in shares of the range, sits at that end.
+/// A depth this close to an end of its planes, as a share of them, sits at that end.
 const END_SHARE: f64 = 0.01;
 
 /// Share of the depths at an end of the range above which a warning is due.
@@ -64,24 +63,37 @@ pub struct DepthJob<'a> {
 /// until then stay.
 pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<DepthSummary, VamvsError> {
     let names = names(&job.scene.views);
-    prepare_output(job, &names)?;
+    prepare(job)?;
     let identity =
         Identity::new(job.module, job.estimator.options(), job.options.max_size, job.scene, job.photographs)?;
     let capacity = job.options.feature_cache_mib << 20;
     let features = FeatureCache::new(job.scene, job.photographs, job.estimator.network(), capacity);
     let mut run = Run { job, names, identity, features, summary: DepthSummary::default() };
     run.views(on_event)?;
-    Ok(run.summary)
-}
-
-/// The output folder for the views that will have a depth map.
-fn prepare_output(job: &DepthJob, names: &[String]) -> Result<(), VamvsError> {
-    let planned: Vec<usize> = (0..names.len()).filter(|&view| job.plan.views[view].is_ok()).collect();
+    let (planned, names) = planned(job, &run.names);
     let place = |view: &usize| planned.binary_search(view).ok();
     let sources: Vec<_> =
         planned.iter().map(|&view| job.plan.neighbours[view].iter().filter_map(place).collect()).collect();
-    let names: Vec<&str> = planned.iter().map(|&view| names[view].as_str()).collect();
-    job.output.prepare(&names, &sources)
+    job.output.write_pairs(&names, &sources)?;
+    Ok(run.summary)
+}
+
+/// Makes the output folder for the views that will have a depth map; [`estimate`] does it too.
+///
+/// # Errors
+/// If the folder is the scene's own, holds depth maps of other views, or cannot be made.
+pub fn prepare(job: &DepthJob) -> Result<(), VamvsError> {
+    job.output.expect_apart([job.photographs.folder()])?;
+    let names = names(&job.scene.views);
+    job.output.prepare(&planned(job, &names).1)?;
+    job.output.remove_pairs()
+}
+
+/// The views that will have a depth map, and their names.
+fn planned<'a>(job: &DepthJob, names: &'a [String]) -> (Vec<usize>, Vec<&'a str>) {
+    let planned: Vec<usize> = (0..names.len()).filter(|&view| job.plan.views[view].is_ok()).collect();
+    let names = planned.iter().map(|&view| names[view].as_str()).collect();
+    (planned, names)
 }
 
 struct Run<'a> {
@@ -134,9 +146,15 @@ impl Run<'_> {
             .iter()
             .map(|&source| self.features.get(source, &mut profile, on_event))
             .collect::<Result<Vec<_>, _>>()?;
-        let map = self.map(&reference, &sources, plan, &mut profile)?;
-        warn_of_range_ends(&self.job.scene.views[view].name, &map, plan.planes.range, on_event);
-        let colour = self.colour(&reference, map.depth.size());
+        let region = plan
+            .region
+            .map(|region| rescaled(region, self.job.plan.cameras[view].size, reference.photo.camera.size));
+        let map = self.map(&reference, &sources, (&plan.planes, region), &mut profile)?;
+        if region.is_none() {
+            warn_of_range_ends(&self.job.scene.views[view].name, &map, &plan.planes, on_event);
+        }
+        let size = map.depth.size();
+        let colour = image::resize(&whole_cells(&reference.photo.image, size), size);
         let saved = SavedMap { map: &map, range: plan.planes.range, colour: &colour };
         self.job.output.save(&name, &saved, &record)?;
         self.summary.made += 1;
@@ -148,30 +166,47 @@ impl Run<'_> {
         &self,
         reference: &Encoded,
         sources: &[Rc<Encoded>],
-        plan: &ViewPlan,
+        (planes, region): (&Planes, Option<PixelBox>),
         profile: &mut Profile,
     ) -> Result<DepthMap, VamvsError> {
         let features: Vec<&EncodedView> = sources.iter().map(|source| &source.features).collect();
-        let mut map = match plan.region {
-            None => self.job.estimator.estimate(&reference.features, &features, &plan.planes, profile)?,
+        let mut map = match region {
+            None => self.job.estimator.estimate(&reference.features, &features, planes, profile)?,
             Some(region) => {
                 let (part, place) =
                     reference.features.cropped(&widened(region, reference.photo.camera.size))?;
-                let map = self.job.estimator.estimate(&part, &features, &plan.planes, profile)?;
+                let map = self.job.estimator.estimate(&part, &features, planes, profile)?;
                 placed(&map, reference.photo.camera, place, region)
             }
         };
         if let Some(mask) = &reference.photo.mask {
-            let mask = mask.resized_nearest(map.depth.size());
+            let size = map.depth.size();
+            let mask = whole_cells(mask, size).resized_nearest(size);
             let pixels = map.depth.data_mut().iter_mut().zip(mask.data());
             pixels.filter(|(_, counts)| !**counts).for_each(|(depth, _)| *depth = 0.0);
         }
         Ok(map)
     }
+}
 
-    /// The photograph at the depth map's size.
-    fn colour(&self, reference: &Encoded, size: Size) -> Grid<Rgb> {
-        image::resize(&reference.photo.image, size)
+/// The part of a photograph that a depth map of `size` covers: sides that are no multiple of the depth
+/// map's scale lose their last pixels.
+fn whole_cells<T: Clone>(image: &Grid<T>, size: Size) -> Grid<T> {
+    let scale = image.width() / size.width;
+    let covered = Size::new(size.width * scale, size.height * scale);
+    Grid::from_fn(covered, |x, y| image[(x, y)].clone())
+}
+
+/// A region of an image of size `from`, in the image of size `to`: photographs may come smaller than
+/// their cameras say.
+fn rescaled(region: PixelBox, from: Size, to: Size) -> PixelBox {
+    let low = |at: usize, from: usize, to: usize| at * to / from;
+    let high = |at: usize, from: usize, to: usize| (at * to).div_ceil(from);
+    PixelBox {
+        x0: low(region.x0, from.width, to.width),
+        y0: low(region.y0, from.height, to.height),
+        x1: high(region.x1, from.width, to.width),
+        y1: high(region.y1, from.height, to.height),
     }
 }
 
@@ -192,7 +227,8 @@ fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBox) -
     let size = Size::new(camera.size.width / scale, camera.size.height / scale);
     let ratio = 1.0 / scale as f64;
     let inside = |x: usize, y: usize| {
-        (region.x0..region.x1).contains(&(x * scale)) && (region.y0..region.y1).contains(&(y * scale))
+        let centre = |at: usize| at * scale + scale / 2;
+        (region.x0..region.x1).contains(&centre(x)) && (region.y0..region.y1).contains(&centre(y))
     };
     let paste = |values: &Grid<f32>| {
         Grid::from_fn(size, |x, y| {
@@ -211,17 +247,18 @@ fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBox) -
     }
 }
 
-fn warn_of_range_ends(name: &str, map: &DepthMap, range: DepthRange, on_event: &mut dyn FnMut(Event)) {
-    let margin = END_SHARE * (range.far - range.near);
+fn warn_of_range_ends(name: &str, map: &DepthMap, planes: &Planes, on_event: &mut dyn FnMut(Event)) {
+    let last = (planes.count - 1) as f64;
     let confident =
         map.depth.data().iter().zip(map.confidence.data()).filter(|(d, c)| **d > 0.0 && **c > 0.5);
     let (mut total, mut near, mut far) = (0_usize, 0_usize, 0_usize);
     for (depth, _) in confident {
+        let share = planes.coordinate(f64::from(*depth)) / last;
         total += 1;
-        near += usize::from(f64::from(*depth) < range.near + margin);
-        far += usize::from(f64::from(*depth) > range.far - margin);
+        near += usize::from(share < END_SHARE);
+        far += usize::from(share > 1.0 - END_SHARE);
     }
-    for (count, end, value) in [(near, "near", range.near), (far, "far", range.far)] {
+    for (count, end, value) in [(near, "near", planes.range.near), (far, "far", planes.range.far)] {
         if count as f64 > MANY_AT_END * total as f64 && total > 0 {
             on_event(Event::Warning(format!(
                 "{name}: {:.0} % of the depths sit at the {end} end {value:.4} of the range: it may be too narrow (--depth-range)",

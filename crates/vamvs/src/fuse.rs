@@ -29,7 +29,7 @@ impl FuseSummary {
 }
 
 /// Fuses the depth maps of `folder` into the PLY file `cloud`. Pixels that a mask in `masks` ignores
-/// give no point.
+/// give no point; these are masks of the folder's own, undistorted images.
 ///
 /// # Errors
 /// If files are missing or malformed or the cloud cannot be written; then there is no new cloud and an

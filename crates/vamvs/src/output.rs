@@ -120,18 +120,43 @@ impl OutputFolder {
         self.root.join(folder).join(format!("{name}{end}"))
     }
 
-    /// Makes the folders, and `pair.txt` for views of these names: for each its source views, indices
-    /// into `names`.
+    /// Refuses to be where the scene itself is: its photographs and cameras would be overwritten.
     ///
     /// # Errors
-    /// If a folder or file cannot be made, or the folder holds depth maps of other views.
-    pub fn prepare(&self, names: &[&str], sources: &[Vec<usize>]) -> Result<(), VamvsError> {
+    /// If one of the scene's folders is one of this folder's.
+    pub fn expect_apart<'a>(&self, scene: impl IntoIterator<Item = &'a Path>) -> Result<(), VamvsError> {
+        let own: Vec<_> =
+            [self.cams(), self.images()].iter().filter_map(|own| own.canonicalize().ok()).collect();
+        let taken = |folder: &&Path| folder.canonicalize().is_ok_and(|folder| own.contains(&folder));
+        match scene.into_iter().find(taken) {
+            None => Ok(()),
+            Some(folder) => Err(VamvsError::Folder {
+                path: folder.to_owned(),
+                problem: "belongs to the scene and would be overwritten: choose another --out".to_owned(),
+            }),
+        }
+    }
+
+    /// Makes the folders for depth maps of views of these names.
+    ///
+    /// # Errors
+    /// If a folder cannot be made, or the folder holds depth maps of other views.
+    pub fn prepare(&self, names: &[&str]) -> Result<(), VamvsError> {
         self.expect_only(names)?;
         for folder in ["cams", "images", "depths", "confidence", "."].map(|folder| self.root.join(folder)) {
             let failed = |source| IoError::System { action: "make the folder", path: folder.clone(), source };
             std::fs::create_dir_all(&folder).map_err(failed)?;
             remove_unfinished(&folder)?;
         }
+        Ok(())
+    }
+
+    /// Writes `pair.txt` once all views of these names are there: for each its source views, indices
+    /// into `names`. Until then the folder has none, and `vamvs fuse` chooses from the cameras.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write_pairs(&self, names: &[&str], sources: &[Vec<usize>]) -> Result<(), VamvsError> {
         let sorted: BTreeMap<String, usize> =
             (0..names.len()).map(|view| (names[view].to_owned(), view)).collect();
         let mut ids = vec![0; names.len()];
@@ -139,6 +164,14 @@ impl OutputFolder {
             ids[view] = id;
         }
         Ok(mvsnet::write_pairs(&self.pairs(), &ids, sources)?)
+    }
+
+    /// Removes `pair.txt`, which speaks of views that may not be there yet.
+    ///
+    /// # Errors
+    /// If it cannot be removed.
+    pub fn remove_pairs(&self) -> Result<(), VamvsError> {
+        remove(&self.pairs())
     }
 
     /// Depth maps of other views in the same folder would be fused with these.

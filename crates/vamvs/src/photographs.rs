@@ -24,6 +24,27 @@ impl Photographs {
         Self { images: images.to_owned(), masks: masks.map(Path::to_owned), max_size }
     }
 
+    /// The folder of photographs.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.images
+    }
+
+    /// What a user should know about masks: that only some views have one.
+    ///
+    /// # Errors
+    /// If the folder of masks is none.
+    pub fn check_masks(&self, scene: &Scene) -> Result<Option<String>, VamvsError> {
+        let Some(folder) = &self.masks else { return Ok(None) };
+        if !folder.is_dir() {
+            let problem = "expected a folder of masks".to_owned();
+            return Err(VamvsError::Folder { path: folder.clone(), problem });
+        }
+        let (all, with) =
+            (scene.views.len(), scene.views.iter().filter(|view| self.mask_path(view).is_some()).count());
+        Ok((with < all).then(|| format!("{}: {with} of {all} views have a mask there", folder.display())))
+    }
+
     /// The image file of a view.
     #[must_use]
     pub fn path(&self, view: &View) -> PathBuf {

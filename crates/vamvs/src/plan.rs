@@ -9,6 +9,9 @@ use vamvs_core::{DepthRange, Pinhole, Planes, Scene};
 use crate::photographs::working_cameras;
 use crate::{DepthOptions, Photographs, VamvsError};
 
+/// Views that are remembered as neighbours of a view, of which fusion asks as many as it is told to.
+const NEIGHBOURS: usize = 30;
+
 /// What will be done for one view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewPlan {
@@ -37,24 +40,17 @@ pub struct Plan {
 ///
 /// # Errors
 /// If an option is absurd, or no view has another one that sees the same surfaces.
-pub fn plan(
-    scene: &Scene,
-    photographs: &Photographs,
-    options: &DepthOptions,
-    neighbours: usize,
-) -> Result<Plan, VamvsError> {
+pub fn plan(scene: &Scene, photographs: &Photographs, options: &DepthOptions) -> Result<Plan, VamvsError> {
     check(options)?;
     let cameras = working_cameras(photographs, scene);
-    let wanted = neighbours.max(options.views - 1);
-    let selected = view_selection::select(scene, &cameras, wanted);
+    let selected = view_selection::select(scene, &cameras, NEIGHBOURS.max(options.views - 1));
     let planner = Planner { scene, cameras: &cameras, options };
     let views: Vec<_> =
         selected.iter().enumerate().map(|(view, sources)| planner.view(view, sources)).collect();
     if let Some(reason) = nothing_to_do(scene, &views) {
         return Err(VamvsError::Request(reason));
     }
-    let neighbours = selected.into_iter().map(|list| list.into_iter().take(neighbours).collect()).collect();
-    Ok(Plan { cameras, views, neighbours })
+    Ok(Plan { cameras, views, neighbours: selected })
 }
 
 fn check(options: &DepthOptions) -> Result<(), VamvsError> {
@@ -99,7 +95,7 @@ impl Planner<'_> {
     fn view(&self, view: usize, selected: &[usize]) -> Result<ViewPlan, String> {
         let sources: Vec<_> = selected.iter().copied().take(self.options.views - 1).collect();
         if sources.is_empty() {
-            return Err("no other view sees the same surfaces from aside".to_owned());
+            return Err("no other view is known to see the same surfaces from aside".to_owned());
         }
         let (range, origin) = self.range(view, &sources)?;
         let (range, region) = self.limited(view, range)?;

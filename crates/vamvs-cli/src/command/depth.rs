@@ -44,7 +44,10 @@ pub fn estimate(
     loaded.warnings.iter().for_each(|warning| progress.warn(warning));
     let photographs =
         Photographs::new(input.images(), settings.input.masks.as_deref(), settings.depth.max_size);
-    let plan = vamvs::plan(&loaded.scene, &photographs, &settings.depth, settings.fusion.neighbours)?;
+    photographs.check_masks(&loaded.scene)?.iter().for_each(|warning| progress.warn(warning));
+    let out = OutputFolder::new(&arguments.out());
+    out.expect_apart(settings.input.cams.as_deref())?;
+    let plan = vamvs::plan(&loaded.scene, &photographs, &settings.depth)?;
     let estimator = estimator(settings, progress)?;
     say_plan(&loaded.scene, &plan, progress);
     let job = DepthJob {
@@ -54,11 +57,12 @@ pub fn estimate(
         estimator: &estimator,
         module: &weights::bytes(settings.weights.as_deref())?,
         options: &settings.depth,
-        output: &OutputFolder::new(&arguments.out),
+        output: &out,
         force: arguments.force,
     };
+    vamvs::depth::prepare(&job)?;
+    settings.absolute()?.save(&out.root().join("run.toml"))?;
     let summary = vamvs::estimate(&job, &mut |event| progress.show(event))?;
-    settings.save(&arguments.out.join("run.toml"))?;
     say_summary(&summary, progress);
     Ok(summary)
 }

@@ -15,12 +15,11 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     let mut settings = Settings::load(&arguments.common)?;
     settings.apply_fusion(&arguments.fusion);
     set(&mut settings.fusion.roi, roi(arguments.roi.as_deref())?.map(Some));
-    set(&mut settings.input.masks, arguments.masks.clone().map(Some));
     settings.use_threads()?;
     let progress = Progress::new(arguments.common.quiet);
     let folder = OutputFolder::find(&arguments.depths)?;
     let cloud = arguments.out.clone().unwrap_or_else(|| folder.cloud());
-    let fused = merge(&folder, &cloud, &settings, &progress);
+    let fused = merge(&folder, &cloud, arguments.masks.as_deref(), &settings, &progress);
     progress.finish();
     let fused = fused?;
     if arguments.common.json {
@@ -35,10 +34,13 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
 pub fn merge(
     folder: &OutputFolder,
     cloud: &Path,
+    masks: Option<&Path>,
     settings: &Settings,
     progress: &Progress,
 ) -> Result<FuseSummary> {
-    let masks = settings.input.masks.as_deref();
+    if let Some(missing) = masks.filter(|folder| !folder.is_dir()) {
+        bail!("--masks {}: expected a folder", missing.display());
+    }
     let fused = vamvs::fuse(folder, cloud, masks, &settings.fusion, &mut |event| progress.show(event))?;
     if fused.points == 0 {
         bail!(

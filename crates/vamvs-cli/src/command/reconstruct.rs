@@ -16,8 +16,9 @@ pub fn run(arguments: &ReconstructArguments) -> Result<()> {
     let common = &arguments.depth.common;
     let progress = Progress::new(common.quiet);
     let maps = depth::estimate(&arguments.depth, &settings, &progress)?;
-    let folder = OutputFolder::new(&arguments.depth.out);
-    let fused = fuse::merge(&folder, &folder.cloud(), &settings, &progress);
+    let folder = OutputFolder::new(&arguments.depth.out());
+    // Masked pixels have no depth already.
+    let fused = fuse::merge(&folder, &folder.cloud(), None, &settings, &progress);
     progress.finish();
     let fused = fused?;
     if common.json {

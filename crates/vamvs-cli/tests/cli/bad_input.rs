@@ -1,6 +1,6 @@
 //! Bad input: a clear error with exit code 1, or handling that the documentation describes.
 
-use crate::scene::{Scene, error_of, expect_success, stderr, vamvs, write};
+use crate::scene::{Scene, content, error_of, expect_success, stderr, vamvs, write};
 use vamvs::core::{Grid, Size};
 use vamvs::io::image;
 
@@ -167,6 +167,35 @@ fn depth_maps_of_another_scene_are_not_mixed_in() {
 }
 
 #[test]
+fn the_scene_itself_is_never_overwritten() {
+    let scene = small();
+    let before = content(&scene.root);
+    let said = error_of(&scene.command_to(&scene.root, "depth", &QUICK).output().unwrap());
+    assert!(said.contains("would be overwritten"), "{said}");
+    assert!(content(&scene.root) == before);
+}
+
+#[test]
+fn masks_leave_no_depth_and_a_wrong_folder_of_masks_is_an_error() {
+    let scene = small();
+    let masks = scene.path("masks");
+    let arguments = ["--masks", masks.to_str().unwrap(), "--iterations", "0", "--planes", "16"];
+    assert!(scene.error("depth", &arguments).contains("expected a folder of masks"));
+    std::fs::create_dir_all(&masks).unwrap();
+    let black_left = Grid::from_fn(Size::new(96, 64), |x, _| if x < 48 { 0_u16 } else { u16::MAX });
+    image::save_png_gray16(&masks.join("0001.png"), &black_left).unwrap();
+    let output = scene.run("depth", &arguments);
+    expect_success(&output);
+    assert!(stderr(&output).contains("1 of 3 views have a mask"), "{}", stderr(&output));
+    let depth = vamvs::io::pfm::read_depth(&scene.out().join("depths/0001.pfm")).unwrap();
+    assert!(
+        depth.row(3).iter().enumerate().all(|(x, depth)| (*depth == 0.0) == (x < 6)),
+        "{:?}",
+        depth.row(3)
+    );
+}
+
+#[test]
 fn weights_that_are_no_module_are_named() {
     let scene = small();
     let weights = scene.path("weights.pt");
@@ -207,8 +236,7 @@ fn the_settings_that_are_written_repeat_the_run() {
     let scene = small();
     expect_success(&scene.run("depth", &QUICK));
     let config = scene.out().join("run.toml");
-    let output =
-        vamvs().args(["depth", "--config"]).arg(&config).arg("--out").arg(scene.out()).output().unwrap();
+    let output = vamvs().args(["depth", "--config"]).arg(&config).output().unwrap();
     expect_success(&output);
     assert!(stderr(&output).contains("0 depth maps made, 3 were there"), "{}", stderr(&output));
 }

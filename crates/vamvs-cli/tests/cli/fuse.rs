@@ -10,7 +10,7 @@ fn true_maps(scene: &Scene) -> OutputFolder {
     let names: Vec<String> = (0..scene.views.len()).map(|i| format!("{i:04}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let others = |view: usize| (0..names.len()).filter(|&other| other != view).collect();
-    folder.prepare(&names, &(0..names.len()).map(others).collect::<Vec<_>>()).unwrap();
+    folder.prepare(&names).unwrap();
     for (name, view) in names.iter().zip(&scene.views) {
         let map = DepthMap {
             camera: view.photo.camera,
@@ -23,6 +23,7 @@ fn true_maps(scene: &Scene) -> OutputFolder {
         let saved = SavedMap { map: &map, range, colour: &view.photo.image };
         folder.save(name, &saved, &Record { made_of: "truth".into() }).unwrap();
     }
+    folder.write_pairs(&names, &(0..names.len()).map(others).collect::<Vec<_>>()).unwrap();
     folder
 }
 

@@ -1,5 +1,7 @@
 //! The program as a user runs it, on a small rendered scene.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
 #[cfg(feature = "net")]
 mod bad_input;
 mod fuse;

@@ -34,9 +34,15 @@ impl Scene {
     /// `vamvs COMMAND --cams … --images … --out …` with more arguments.
     #[cfg(feature = "net")]
     pub fn command(&self, command: &str, arguments: &[&str]) -> Command {
+        self.command_to(&self.out(), command, arguments)
+    }
+
+    /// The same with another output folder.
+    #[cfg(feature = "net")]
+    pub fn command_to(&self, out: &Path, command: &str, arguments: &[&str]) -> Command {
         let mut run = vamvs();
         run.arg(command).arg("--cams").arg(self.path("cams")).arg("--images").arg(self.path("images"));
-        run.arg("--out").arg(self.out()).args(arguments);
+        run.arg("--out").arg(out).args(arguments);
         run
     }
 
