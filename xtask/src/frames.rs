@@ -130,8 +130,9 @@ mod tests {
         let options = mvsnet::Options::default();
         let views = mvsnet::read_scene(&layout.cams, &layout.images, None, &options).unwrap().scene.views;
         assert_eq!(views.len(), 1);
-        // The photographs' camera is to the right of the depth camera, whose x axis is the world's y.
-        assert!((views[0].cam_from_world.centre() - Vector3::new(7.0, 8.023, 9.0)).norm() < 1e-12);
+        // The photographs' camera is beside the depth camera, whose x axis is the world's y.
+        let centre = Vector3::new(7.0, 8.0 - DEPTH_IN_COLOUR.x, 9.0);
+        assert!((views[0].cam_from_world.centre() - centre).norm() < 1e-12);
         assert!((views[0].cam_from_world.forward() - Vector3::x()).norm() < 1e-12);
         assert_eq!(views[0].camera.intrinsics, COLOUR.intrinsics);
         assert_eq!(views[0].depth_range, None);
@@ -144,8 +145,8 @@ mod tests {
         depth::write(&folder.path().join("frame-000000.depth.png"), &Grid::from_fn(SIZE, far), DEPTH_STEP)
             .unwrap();
         let seen = sensor_depth(folder.path(), "frame-000000", SIZE).unwrap();
-        // (400.5 − 320) / 585 − 0.023 = 0.1146 to the right at depth 1.
-        let near = (522.0 * 0.1146 + 318.0) as usize;
+        let x_in_colour_cam = (400.5 - 320.0) / 585.0 + DEPTH_IN_COLOUR.x;
+        let near = (COLOUR.intrinsics.fx * x_in_colour_cam + COLOUR.intrinsics.cx) as usize;
         assert_eq!(seen[(near, 240)], 1.0);
         assert_eq!(seen[(near - 20, 240)], 2.0);
         assert_eq!(seen[(0, 240)], 0.0, "the photograph shows more than the sensor");
