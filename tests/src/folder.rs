@@ -7,29 +7,34 @@ use vamvs_io::{IoError, image, mvsnet};
 
 use crate::Rendered;
 
-/// Writes `images/0000.png …` and `cams/0000_cam.txt …`, with each view's depth range a little wider
-/// than the truth if `ranges`, and without depth line otherwise.
+/// Writes `images/NAME.png` and `cams/NAME_cam.txt` with `name(i)` for view `i`, and the depth range that
+/// [`depth_range`] gives. There is no `pair.txt`: source views are to be found.
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn write_mvsnet(folder: &Path, views: &[Rendered], ranges: bool) -> Result<(), IoError> {
+pub fn write_mvsnet(
+    folder: &Path,
+    views: &[Rendered],
+    name: impl Fn(usize) -> String,
+    wider: f64,
+) -> Result<(), IoError> {
     for sub in ["images", "cams"].map(|sub| folder.join(sub)) {
         let make = |source| IoError::System { action: "make the folder", path: sub.clone(), source };
         std::fs::create_dir_all(&sub).map_err(make)?;
     }
     for (index, view) in views.iter().enumerate() {
-        image::save_png_rgb(&folder.join(format!("images/{index:04}.png")), &view.photo.image)?;
-        let cam = folder.join(format!("cams/{index:04}_cam.txt"));
-        let range = if ranges { depth_range(view) } else { None };
-        mvsnet::write_cam(&cam, &view.photo.camera, &view.photo.cam_from_world, range)?;
+        let (name, photo) = (name(index), &view.photo);
+        image::save_png_rgb(&folder.join(format!("images/{name}.png")), &photo.image)?;
+        let cam = folder.join(format!("cams/{name}_cam.txt"));
+        mvsnet::write_cam(&cam, &photo.camera, &photo.cam_from_world, depth_range(view, wider))?;
     }
     Ok(())
 }
 
-/// The view's true depth range, 5 % wider at both ends; `None` if it sees nothing or one depth only.
+/// The view's true depth range, `wider` by that factor at both ends; `None` if it sees nothing.
 #[must_use]
-pub fn depth_range(view: &Rendered) -> Option<DepthRange> {
+pub fn depth_range(view: &Rendered, wider: f64) -> Option<DepthRange> {
     let seen = || view.depth.data().iter().copied().filter(|depth| *depth > 0.0).map(f64::from);
     let (near, far) = (seen().reduce(f64::min)?, seen().reduce(f64::max)?);
-    DepthRange::try_new(0.95 * near, 1.05 * far).ok()
+    DepthRange::try_new(near / wider, far * wider).ok()
 }

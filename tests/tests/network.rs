@@ -33,7 +33,7 @@ fn depth(estimator: &Estimator, photos: &[&Photo], planes: &Planes) -> DepthMap 
 }
 
 fn planes(view: &Rendered, count: usize) -> Planes {
-    Planes { range: folder::depth_range(view).unwrap(), count, spacing: Spacing::Depth }
+    Planes { range: folder::depth_range(view, 1.05).unwrap(), count, spacing: Spacing::Depth }
 }
 
 /// Share of pixels whose depths differ by less than `limit`, relatively.

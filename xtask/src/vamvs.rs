@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
+use vamvs_fusion::ViewReport;
 
 use crate::setup;
 use crate::step::{cargo, run};
@@ -42,27 +43,7 @@ pub struct DepthSummary {
 #[derive(Deserialize)]
 pub struct FusionSummary {
     /// What became of all pixels.
-    pub total: Pixels,
-}
-
-/// What became of pixels, each counted once beside `pixels`.
-#[derive(Clone, Copy, Deserialize)]
-pub struct Pixels {
-    pub pixels: u64,
-    pub without_depth: u64,
-    pub masked: u64,
-    pub unconfident: u64,
-    pub outside_roi: u64,
-    pub inconsistent: u64,
-    pub merged: u64,
-    pub points: u64,
-}
-
-impl Pixels {
-    /// The share of pixels that passed all filters, 0 to 1.
-    pub fn kept(&self) -> f64 {
-        (self.merged + self.points) as f64 / self.pixels.max(1) as f64
-    }
+    pub total: ViewReport,
 }
 
 /// Builds the command, with libtorch if need be.

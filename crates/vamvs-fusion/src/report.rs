@@ -3,11 +3,11 @@
 use std::fmt;
 use std::ops::AddAssign;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// What became of the pixels of a view, or of several. Each pixel is counted in exactly one field
 /// beside `pixels`, the first that fits in the order here.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ViewReport {
     /// All pixels.
     pub pixels: u64,
@@ -41,6 +41,14 @@ impl FuseReport {
         let mut total = ViewReport::default();
         self.views.iter().for_each(|view| total += *view);
         total
+    }
+}
+
+impl ViewReport {
+    /// The share of pixels that passed all filters, 0 to 1.
+    #[must_use]
+    pub fn kept(&self) -> f64 {
+        (self.merged + self.points) as f64 / self.pixels.max(1) as f64
     }
 }
 

@@ -1,5 +1,5 @@
 //! What fusion must not depend on.
-#![allow(missing_docs)]
+#![allow(missing_docs, reason = "nobody calls a test")]
 
 mod synthetic;
 
@@ -22,7 +22,7 @@ fn noisy_views() -> Vec<FusionView> {
     views
 }
 
-#[allow(clippy::unwrap_used)]
+#[allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 fn fused(views: &[FusionView], cache_bytes: usize) -> (Cloud, FuseReport) {
     let neighbours = all_others(views.len());
     let options = FuseOptions::default();

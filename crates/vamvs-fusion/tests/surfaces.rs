@@ -1,5 +1,5 @@
 //! Fusion of exact depth maps of analytic surfaces.
-#![allow(missing_docs)]
+#![allow(missing_docs, reason = "nobody calls a test")]
 
 mod synthetic;
 
@@ -13,7 +13,7 @@ const SIZE: Size = Size::new(96, 72);
 const FINE: Size = Size::new(192, 144);
 const DISTANCE: f64 = 4.0;
 
-#[allow(clippy::unwrap_used)]
+#[allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 fn fuse(views: &[FusionView], options: &FuseOptions, roi: Option<Roi>) -> (Cloud, FuseReport) {
     let neighbours = all_others(views.len());
     fuse_to_cloud(&FuseJob { source: views, neighbours: &neighbours, options, roi, cache_bytes: 1 << 30 })

@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use nalgebra::Vector3;
 use vamvs_core::{CloudPoint, Size};
 use vamvs_eval::DepthErrors;
+use vamvs_fusion::ViewReport;
 use vamvs_io::image;
 
 use super::Times;
@@ -16,7 +17,7 @@ use crate::maps::{relative_errors, spread, valid};
 use crate::page::{Legend, Page};
 use crate::panel;
 use crate::splat::{Look, Surfels};
-use crate::vamvs::{Pixels, Reconstruction};
+use crate::vamvs::Reconstruction;
 use crate::viewpoint::{Viewpoint, around, best_direction};
 
 /// Views that are shown.
@@ -241,7 +242,7 @@ fn row(name: &str, errors: &DepthErrors) -> Vec<String> {
 }
 
 /// What became of pixels, line by line.
-fn fates(total: &Pixels) -> Vec<Vec<String>> {
+fn fates(total: &ViewReport) -> Vec<Vec<String>> {
     let fates = [
         ("all", total.pixels),
         ("without depth", total.without_depth),

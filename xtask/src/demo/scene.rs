@@ -2,10 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
-use vamvs_core::{DepthRange, Size};
-use vamvs_io::{image, mvsnet};
-use vamvs_tests::{Rendered, fixtures};
+use anyhow::Result;
+use vamvs_core::Size;
+use vamvs_tests::{Rendered, fixtures, folder};
 
 /// Size of the photographs.
 const SIZE: Size = Size::new(640, 480);
@@ -46,17 +45,7 @@ impl DemoScene {
 
     /// Writes photographs and cameras, without `pair.txt`: source views are to be found.
     pub fn write(&self) -> Result<()> {
-        for folder in [self.images(), self.cams()] {
-            std::fs::create_dir_all(&folder)
-                .with_context(|| format!("{} could not be made", folder.display()))?;
-        }
-        for (index, view) in self.views.iter().enumerate() {
-            let (name, photo) = (Self::name(index), &view.photo);
-            image::save_png_rgb(&self.images().join(format!("{name}.png")), &photo.image)?;
-            let cam = self.cams().join(format!("{name}_cam.txt"));
-            mvsnet::write_cam(&cam, &photo.camera, &photo.cam_from_world, Some(range(view)?))?;
-        }
-        Ok(())
+        Ok(folder::write_mvsnet(&self.root, &self.views, Self::name, WIDER)?)
     }
 
     /// What the photographs would show at another size.
@@ -70,10 +59,4 @@ impl DemoScene {
         let middle = depths.len() / 2;
         f64::from(*depths.select_nth_unstable_by(middle, f32::total_cmp).1)
     }
-}
-
-fn range(view: &Rendered) -> Result<DepthRange> {
-    let near = view.depth.data().iter().copied().fold(f32::INFINITY, f32::min);
-    let far = view.depth.data().iter().copied().fold(0.0, f32::max);
-    Ok(DepthRange::try_new(f64::from(near) / WIDER, f64::from(far) * WIDER)?)
 }

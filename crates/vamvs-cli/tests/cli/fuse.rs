@@ -19,7 +19,7 @@ fn true_maps(scene: &Scene) -> OutputFolder {
             confidence: Grid::filled(view.depth.size(), 1.0),
             coarse_confidence: None,
         };
-        let range = vamvs_tests::folder::depth_range(view).unwrap();
+        let range = vamvs_tests::folder::depth_range(view, 1.05).unwrap();
         let saved = SavedMap { map: &map, range, colour: &view.photo.image };
         folder.save(name, &saved, &Record { made_of: "truth".into() }).unwrap();
     }

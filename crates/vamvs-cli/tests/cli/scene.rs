@@ -19,7 +19,7 @@ impl Scene {
         let guard = TempDir::new().unwrap();
         let root = guard.path().join("Szene mit Äpfeln");
         let views = fixtures::still_life(vamvs::core::Size::new(width, height), views);
-        folder::write_mvsnet(&root, &views, true).unwrap();
+        folder::write_mvsnet(&root, &views, |view| format!("{view:04}"), 1.05).unwrap();
         Self { _guard: guard, root, views }
     }
 

@@ -1,5 +1,5 @@
 //! Exact depth maps of analytic surfaces, for the tests and the benchmark.
-#![allow(dead_code)] // each of them uses a part
+#![allow(dead_code, reason = "compiled into each of them, which uses a part")]
 
 use nalgebra::{Vector2, Vector3};
 use vamvs_core::{DepthMap, Grid, Intrinsics, Pinhole, Pose, Rgb, Size};
