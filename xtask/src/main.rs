@@ -1,24 +1,19 @@
 //! What the repository needs done beside building: `cargo xtask COMMAND`.
 
 mod bench;
-mod colour;
 mod convert;
 mod demo;
 mod frames;
 mod libtorch;
 mod maps;
-mod page;
-mod panel;
 mod picture;
 mod pip;
 mod real;
 mod setup;
-mod splat;
 mod step;
 mod test;
 mod unpack;
 mod vamvs;
-mod viewpoint;
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -7,9 +7,8 @@ use clap::{Args, ValueEnum};
 use nalgebra::Vector3;
 use vamvs_core::Size;
 use vamvs_io::{image, ply};
-
-use crate::splat::{Look, Surfels};
-use crate::viewpoint::{Viewpoint, best_direction, up_of_cameras};
+use vamvs_picture::viewpoint::{best_direction, up_of_cameras};
+use vamvs_picture::{Look, Surfels, Viewpoint};
 
 /// Render a PLY cloud to a PNG, seen from where most of its surface is visible.
 #[derive(Args)]

@@ -6,18 +6,17 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use vamvs_core::{CloudPoint, Grid, Rgb, Size};
-use vamvs_eval::{DepthErrors, compare_depths};
+use vamvs_eval::DepthErrors;
 use vamvs_io::{atomic, image, ply};
+use vamvs_picture::map::{relative_errors, spread, valid};
+use vamvs_picture::viewpoint::best_direction;
+use vamvs_picture::{Look, Scale, Surfels, Viewpoint, panel};
 
-use crate::colour::Scale;
 use crate::convert::{self, Layout};
 use crate::frames;
-use crate::maps::{Map, relative_errors, spread, stacked, valid};
-use crate::panel;
+use crate::maps::{self, Map};
 use crate::picture::up_beside;
-use crate::splat::{Look, Surfels};
 use crate::vamvs::{self, Reconstruction};
-use crate::viewpoint::{Viewpoint, best_direction};
 
 /// Reconstruct real photographs and show what comes out.
 ///
@@ -237,10 +236,10 @@ fn errors(views: &[View]) -> Result<Option<[DepthErrors; 2]>> {
     let Some(sensors) = views.iter().map(|view| view.sensor.as_ref()).collect::<Option<Vec<_>>>() else {
         return Ok(None);
     };
-    let truth = stacked(sensors);
-    let all = stacked(views.iter().map(|view| &view.map.depth));
-    let confident = stacked(&views.iter().map(|view| view.map.confident()).collect::<Vec<_>>());
-    Ok(Some([compare_depths(&all, &truth, &THRESHOLDS)?, compare_depths(&confident, &truth, &THRESHOLDS)?]))
+    let of = |depths: &[Grid<f32>]| maps::relative_errors(depths, sensors.iter().copied(), &THRESHOLDS);
+    let all: Vec<_> = views.iter().map(|view| view.map.depth.clone()).collect();
+    let confident: Vec<_> = views.iter().map(|view| view.map.confident()).collect();
+    Ok(Some([of(&all)?, of(&confident)?]))
 }
 
 fn cloud_picture(cloud: &[CloudPoint], file: &Path, look: Look) -> Result<Grid<Rgb>> {
@@ -293,7 +292,7 @@ impl Outcome {
         let Some([all, confident]) = &self.errors else { return Vec::new() };
         let row = |what: &str, errors: &DepthErrors| {
             let within: Vec<_> = errors.within.iter().map(|within| percent(within.share)).collect();
-            let (share, median) = (percent(errors.coverage), percent(errors.median_relative));
+            let (share, median) = (percent(errors.coverage), percent(errors.relative.median));
             format!("| {} | {what} | {share} | {median} | {} |", self.name, within.join(" | "))
         };
         vec![row("all", all), row("confident", confident)]

@@ -5,16 +5,18 @@ use std::process::Command;
 use serde_json::Value;
 
 /// A crate may use those of lower layers, and none of its own or a higher one.
-const LAYERS: [&[&str]; 5] = [
+const LAYERS: [&[&str]; 7] = [
     &["vamvs-core"],
     &["vamvs-io", "vamvs-fusion", "vamvs-eval", "vamvs-net"],
+    &["vamvs-picture"],
+    &["vamvs-synth", "vamvs-train"],
     &["vamvs"],
     &["vamvs-cli", "vamvs-tests"],
     &["xtask"],
 ];
 
 /// The crates that may use tch, and with it libtorch.
-const USE_TCH: [&str; 1] = ["vamvs-net"];
+const USE_TCH: [&str; 2] = ["vamvs-net", "vamvs-train"];
 
 fn layer(name: &str) -> usize {
     let layer = LAYERS.iter().position(|layer| layer.contains(&name));

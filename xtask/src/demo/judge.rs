@@ -3,15 +3,15 @@
 use std::path::Path;
 
 use anyhow::Result;
-use vamvs_core::{Cloud, CloudPoint, Grid, Size};
-use vamvs_eval::cloud::nearest_distances;
-use vamvs_eval::{Agreement, DepthErrors, compare_clouds, compare_depths};
+use vamvs_core::{Cloud, CloudPoint, Size};
+use vamvs_eval::surface::{TrueMap, seen_twice};
+use vamvs_eval::{CloudDistances, CloudErrors, DepthErrors};
 use vamvs_io::ply;
-use vamvs_tests::{Rendered, truth_cloud};
+use vamvs_picture::Scale;
+use vamvs_tests::Rendered;
 
 use super::scene::DemoScene;
-use crate::colour::Scale;
-use crate::maps::{Map, stacked};
+use crate::maps::{Map, relative_errors};
 
 /// How near to the truth a point must be, as a share of the scene's median depth.
 const THRESHOLD: f64 = 0.01;
@@ -29,7 +29,7 @@ pub struct Verdict {
     /// How near to the truth a point must be, scene units.
     pub threshold: f64,
     /// The cloud against the true one.
-    pub agreement: Agreement,
+    pub agreement: CloudErrors,
     /// All depths against the true ones.
     pub depth: DepthErrors,
     /// The confident ones of them.
@@ -49,23 +49,31 @@ pub fn judge(scene: &DemoScene, out: &Path) -> Result<Verdict> {
     let maps: Vec<Map> =
         (0..scene.views.len()).map(|view| Map::read(out, &DemoScene::name(view))).collect::<Result<_>>()?;
     let truth = scene.views_at(maps.first().map_or(Size::new(1, 1), |map| map.depth.size()));
-    let true_depth = stacked(truth.iter().map(|view| &view.depth));
-    let depth = stacked(maps.iter().map(|map| &map.depth));
-    let confident = stacked(&maps.iter().map(Map::confident).collect::<Vec<Grid<f32>>>());
+    let true_depth: Vec<_> = truth.iter().map(|view| view.depth.clone()).collect();
+    let depth: Vec<_> = maps.iter().map(|map| map.depth.clone()).collect();
+    let confident: Vec<_> = maps.iter().map(Map::confident).collect();
     let cloud = ply::read(&out.join("fused.ply"))?;
-    let (found, exact) = (places(&cloud), truth_cloud(&scene.views, STEP));
+    let exact = true_surface(&scene.views);
+    let distances = CloudDistances::between(&places(&cloud), &exact);
     let threshold = THRESHOLD * scene.median_depth();
     Ok(Verdict {
-        agreement: compare_clouds(&found, &exact, threshold),
-        depth: compare_depths(&depth, &true_depth, &THRESHOLDS)?,
-        confident: compare_depths(&confident, &true_depth, &THRESHOLDS)?,
-        wrong: coloured(cloud.iter().copied(), &nearest_distances(&found, &exact), threshold),
-        missing: coloured(exact.iter().map(bare), &nearest_distances(&exact, &found), threshold),
+        agreement: distances.errors(&[threshold]),
+        depth: relative_errors(&depth, &true_depth, &THRESHOLDS)?,
+        confident: relative_errors(&confident, &true_depth, &THRESHOLDS)?,
+        wrong: coloured(cloud.iter().copied(), &distances.to_truth, threshold),
+        missing: coloured(exact.iter().map(bare), &distances.to_cloud, threshold),
         cloud,
         threshold,
         truth,
         maps,
     })
+}
+
+fn true_surface(views: &[Rendered]) -> Vec<[f64; 3]> {
+    let map = |view: &'_ Rendered| -> TrueMap<'_> {
+        TrueMap { camera: &view.photo.camera, cam_from_world: &view.photo.cam_from_world, depth: &view.depth }
+    };
+    seen_twice(&views.iter().map(map).collect::<Vec<_>>(), STEP)
 }
 
 fn places(cloud: &[CloudPoint]) -> Vec<[f64; 3]> {

@@ -62,7 +62,7 @@ fn reconstruct(scene: &DemoScene, out: &Path) -> Result<vamvs::Reconstruction> {
 }
 
 fn print_results(run: &Run, out: &Path, report: &Path) {
-    let agreement = &run.verdict.agreement;
+    let agreement = &run.verdict.agreement.agreement[0];
     println!(
         "\n{} points within 1 % of the scene's depth: precision {:.3}, recall {:.3}, F-score {:.3}",
         run.verdict.cloud.len(),

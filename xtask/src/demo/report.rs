@@ -1,24 +1,20 @@
 //! The demo's pictures and its page.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result};
 use nalgebra::Vector3;
-use vamvs_core::{CloudPoint, Size};
+use vamvs_core::{CloudPoint, Grid, Rgb, Size};
 use vamvs_eval::DepthErrors;
 use vamvs_fusion::ViewReport;
-use vamvs_io::image;
+use vamvs_picture::map::{relative_errors, spread, valid};
+use vamvs_picture::viewpoint::{around, best_direction};
+use vamvs_picture::{Legend, Look, Page, Picture, Scale, Surfels, Viewpoint, panel};
 
 use super::Times;
 use super::judge::{THRESHOLDS, Verdict};
 use super::scene::DemoScene;
-use crate::colour::Scale;
-use crate::maps::{relative_errors, spread, valid};
-use crate::page::{Legend, Page};
-use crate::panel;
-use crate::splat::{Look, Surfels};
 use crate::vamvs::Reconstruction;
-use crate::viewpoint::{Viewpoint, around, best_direction};
 
 /// Views that are shown.
 const SHOWN: [usize; 3] = [1, 5, 10];
@@ -45,22 +41,22 @@ pub struct Run<'a> {
     pub reconstruction: &'a Reconstruction,
     /// The comparison with the truth.
     pub verdict: &'a Verdict,
-    /// The pictures' files.
+    /// The pictures.
     pub pictures: &'a Pictures,
 }
 
-/// The pictures' files.
+/// The pictures, which are files too.
 pub struct Pictures {
     views: Vec<ViewPicture>,
-    colours: Vec<PathBuf>,
-    clay: Vec<PathBuf>,
-    wrong: PathBuf,
-    missing: PathBuf,
+    colours: Vec<Picture>,
+    clay: Vec<Picture>,
+    wrong: Picture,
+    missing: Picture,
 }
 
 struct ViewPicture {
     view: usize,
-    file: PathBuf,
+    picture: Picture,
     depths: (f32, f32),
 }
 
@@ -80,17 +76,14 @@ impl Pictures {
         let surfels = Surfels::new(&verdict.cloud);
         let from_sides = |look: Look, what: &str| {
             let draw = |(angle, name): (f64, &str)| {
-                let file = folder.join(format!("cloud-{what}-{name}.png"));
-                image::save_png_rgb(&file, &surfels.render(&viewpoint(angle), look))?;
-                Ok(file)
+                let picture = surfels.render(&viewpoint(angle), look);
+                saved(&picture, &folder.join(format!("cloud-{what}-{name}.png")))
             };
             SIDES.into_iter().map(draw).collect::<Result<Vec<_>>>()
         };
         let from_front = |cloud: &[CloudPoint], name: &str| {
-            let file = folder.join(name);
             let picture = Surfels::new(cloud).render(&viewpoint(0.0), Look::Colours);
-            image::save_png_rgb(&file, &picture)?;
-            anyhow::Ok(file)
+            saved(&picture, &folder.join(name))
         };
         Ok(Self {
             views,
@@ -114,10 +107,15 @@ fn view_picture(scene: &DemoScene, verdict: &Verdict, view: usize, folder: &Path
         Scale::Error.paint(&relative_errors(&map.depth, truth), 0.0, ERROR_END),
         Scale::Confidence.paint(&map.confidence.map(|&confidence| Some(confidence)), 0.0, 1.0),
     ];
-    let file = folder.join(format!("{}.png", DemoScene::name(view)));
-    let size = panel::of_width(parts[0].size(), PANEL_WIDTH);
-    image::save_png_rgb(&file, &panel::row(&parts, size))?;
-    Ok(ViewPicture { view, file, depths: (near, far) })
+    let row = panel::row(&parts, panel::of_width(parts[0].size(), PANEL_WIDTH));
+    let picture = saved(&row, &folder.join(format!("{}.png", DemoScene::name(view))))?;
+    Ok(ViewPicture { view, picture, depths: (near, far) })
+}
+
+fn saved(image: &Grid<Rgb>, file: &Path) -> Result<Picture> {
+    let picture = Picture::new(image);
+    picture.save(file)?;
+    Ok(picture)
 }
 
 impl Run<'_> {
@@ -130,8 +128,8 @@ impl Run<'_> {
         );
         let mut page = Page::new("A still life, reconstructed", &lead);
         self.numbers(&mut page);
-        self.cloud(&mut page)?;
-        self.views(&mut page)?;
+        self.cloud(&mut page);
+        self.views(&mut page);
         self.filters(&mut page);
         self.times(&mut page, times);
         self.settings(&mut page)?;
@@ -139,13 +137,14 @@ impl Run<'_> {
     }
 
     fn numbers(&self, page: &mut Page) {
-        let (agreement, depth) = (&self.verdict.agreement, &self.verdict.depth);
+        let (errors, depth) = (&self.verdict.agreement, &self.verdict.depth);
+        let agreement = errors.agreement[0];
         page.figures(&[
             (format!("{:.3}", agreement.f_score), "F-score"),
             (format!("{:.3}", agreement.precision), "precision"),
             (format!("{:.3}", agreement.recall), "recall"),
             (grouped(self.verdict.cloud.len() as u64), "points"),
-            (percent(depth.median_relative, 2), "median depth error"),
+            (percent(depth.relative.median, 2), "median depth error"),
             (format!("{:.0} s", self.reconstruction.seconds), "from photographs to cloud"),
         ]);
         page.paragraph(&format!(
@@ -153,20 +152,15 @@ impl Run<'_> {
              scene's median depth), recall the share of the true surface that is within it of a point; surface \
              that fewer than two photographs show does not count. The F-score is their harmonic mean. On \
              average a point is {:.4} from the truth, and the truth {:.4} from a point.",
-            self.verdict.threshold, agreement.accuracy_mean, agreement.completeness_mean
+            self.verdict.threshold, errors.accuracy.mean, errors.completeness.mean
         ));
     }
 
-    fn cloud(&self, page: &mut Page) -> Result<()> {
+    fn cloud(&self, page: &mut Page) {
         page.heading("The cloud");
-        let named = |files: &'_ [PathBuf], what: &str| -> Vec<(PathBuf, String)> {
-            let captions = SIDES.iter().map(|(_, side)| format!("{what}, from the {side}"));
-            files.iter().cloned().zip(captions).collect()
-        };
-        for pictures in [named(&self.pictures.colours, "Colours"), named(&self.pictures.clay, "Shape")] {
-            let pictures: Vec<_> =
-                pictures.iter().map(|(file, text)| (file.as_path(), text.as_str())).collect();
-            page.gallery(&pictures)?;
+        for (pictures, what) in [(&self.pictures.colours, "Colours"), (&self.pictures.clay, "Shape")] {
+            let captions = SIDES.map(|(_, side)| format!("{what}, from the {side}"));
+            page.gallery(&pictures.iter().zip(captions.iter().map(String::as_str)).collect::<Vec<_>>());
         }
         page.heading("What is wrong, what is missing");
         page.legends(&[Legend {
@@ -178,10 +172,10 @@ impl Run<'_> {
         page.gallery(&[
             (&self.pictures.wrong, "The cloud by its distance to the true surface"),
             (&self.pictures.missing, "The true surface by its distance to the cloud"),
-        ])
+        ]);
     }
 
-    fn views(&self, page: &mut Page) -> Result<()> {
+    fn views(&self, page: &mut Page) {
         page.heading("Depth maps");
         page.legends(&[
             legend("depth", Scale::Turbo, "near", "far"),
@@ -191,10 +185,10 @@ impl Run<'_> {
         for picture in &self.pictures.views {
             let (near, far) = picture.depths;
             page.strip(
-                &picture.file,
+                &picture.picture,
                 &["photograph", "true depth", "estimated depth", "error", "confidence"],
                 &format!("{}: depth {near:.2} to {far:.2}", DemoScene::name(picture.view)),
-            )?;
+            );
         }
         let mut head = vec!["depths of all views".to_owned(), "share".to_owned(), "median error".to_owned()];
         head.extend(THRESHOLDS.map(|threshold| format!("within {}", percent(threshold, 1))));
@@ -203,7 +197,6 @@ impl Run<'_> {
             &head,
             &[row("all", &self.verdict.depth), row("confident enough for fusion", &self.verdict.confident)],
         );
-        Ok(())
     }
 
     fn filters(&self, page: &mut Page) {
@@ -236,7 +229,7 @@ fn legend(what: &'static str, scale: Scale, low: &str, high: &str) -> Legend {
 }
 
 fn row(name: &str, errors: &DepthErrors) -> Vec<String> {
-    let mut row = vec![name.to_owned(), percent(errors.coverage, 1), percent(errors.median_relative, 3)];
+    let mut row = vec![name.to_owned(), percent(errors.coverage, 1), percent(errors.relative.median, 3)];
     row.extend(errors.within.iter().map(|within| percent(within.share, 1)));
     row
 }

@@ -2,10 +2,9 @@
 
 use std::path::Path;
 
-use anyhow::Result;
 use nalgebra::{Rotation3, Unit, Vector3};
 use vamvs_core::{CloudPoint, Intrinsics, Pinhole, Pose, Size};
-use vamvs_io::mvsnet;
+use vamvs_io::{IoError, mvsnet};
 
 /// Half the field of view across the longer side of a picture, as a tangent: 20°.
 const HALF_VIEW: f64 = 0.364;
@@ -31,6 +30,7 @@ pub struct Viewpoint {
 impl Viewpoint {
     /// The view from the direction `to_eye` (world, any length) that shows the whole cloud, but
     /// outliers; `up` is up in the picture, as far as it can be.
+    #[must_use]
     pub fn from_direction(
         cloud: &[CloudPoint],
         to_eye: &Vector3<f64>,
@@ -55,6 +55,7 @@ impl Viewpoint {
 
 /// The direction from which most of the cloud's surface is seen, not from below and not from right
 /// above. Normals point to the cameras, so this is about where those were.
+#[must_use]
 pub fn best_direction(cloud: &[CloudPoint], up: &Vector3<f64>) -> Vector3<f64> {
     let up = up.normalize();
     let normals: Vec<_> = sample(cloud).map(|point| Vector3::from(point.normal).cast::<f64>()).collect();
@@ -65,13 +66,17 @@ pub fn best_direction(cloud: &[CloudPoint], up: &Vector3<f64>) -> Vector3<f64> {
 }
 
 /// `direction` after a walk around the cloud, `angle` degrees to the right.
+#[must_use]
 pub fn around(direction: &Vector3<f64>, up: &Vector3<f64>, angle: f64) -> Vector3<f64> {
     Rotation3::from_axis_angle(&Unit::new_normalize(*up), angle.to_radians()) * direction
 }
 
 /// Up in the world, as the cameras in a folder of `NAME_cam.txt` files hold their pictures; `None`
 /// if there are none.
-pub fn up_of_cameras(cams: &Path) -> Result<Option<Vector3<f64>>> {
+///
+/// # Errors
+/// If a camera file cannot be read.
+pub fn up_of_cameras(cams: &Path) -> Result<Option<Vector3<f64>>, IoError> {
     let Ok(entries) = std::fs::read_dir(cams) else { return Ok(None) };
     let mut up = Vector3::zeros();
     for path in entries.flatten().map(|entry| entry.path()) {

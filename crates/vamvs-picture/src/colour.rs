@@ -18,6 +18,7 @@ pub enum Scale {
 
 impl Scale {
     /// The colour of `value`; values beyond 0 to 1 take the colour of the nearer end.
+    #[must_use]
     pub fn at(self, value: f32) -> Rgb {
         let value = value.clamp(0.0, 1.0);
         match self {
@@ -30,11 +31,13 @@ impl Scale {
     }
 
     /// The picture of values from `low` to `high`; `None` has no value.
+    #[must_use]
     pub fn paint(self, values: &Grid<Option<f32>>, low: f32, high: f32) -> Grid<Rgb> {
         values.map(|value| value.map_or(NOTHING, |value| self.at((value - low) / (high - low))))
     }
 
     /// The scale from left to right, as CSS.
+    #[must_use]
     pub fn css(self) -> String {
         let stops: Vec<_> = (0..=16).map(|i| css(self.at(i as f32 / 16.0))).collect();
         format!("linear-gradient(to right, {})", stops.join(", "))

@@ -3,23 +3,31 @@
 use std::fmt::Display;
 use std::path::Path;
 
-use anyhow::{Context, Result};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use vamvs_io::atomic;
+use vamvs_core::{Grid, Rgb};
+use vamvs_io::{IoError, atomic, image};
 
-use crate::colour::Scale;
+use crate::Scale;
 
 /// How it all looks.
 const STYLE: &str = include_str!("page.css");
 
 /// A page in the making.
+#[derive(Clone, Debug)]
 pub struct Page {
     title: String,
     body: String,
 }
 
+/// A picture to be put into a page.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    png: Vec<u8>,
+}
+
 /// A colour scale explained.
+#[derive(Clone, Debug)]
 pub struct Legend {
     /// What the colours tell.
     pub what: &'static str,
@@ -33,6 +41,7 @@ pub struct Legend {
 
 impl Page {
     /// A page with a title and a sentence below it.
+    #[must_use]
     pub fn new(title: &str, lead: &str) -> Self {
         let (title, lead) = (escaped(title), escaped(lead));
         let body = format!("<header><h1>{title}</h1><p>{lead}</p></header>\n");
@@ -75,28 +84,26 @@ impl Page {
     }
 
     /// A picture of several parts side by side, each with its caption above.
-    pub fn strip(&mut self, picture: &Path, captions: &[&str], below: &str) -> Result<()> {
+    pub fn strip(&mut self, picture: &Picture, captions: &[&str], below: &str) {
         let captions = captions.iter().map(|caption| format!("<span>{}</span>", escaped(caption)));
         let captions = captions.collect::<String>();
-        let uri = data_uri(picture)?;
         self.add(format_args!(
-            "<figure><div class=\"captions\">{captions}</div><img src=\"{uri}\" alt=\"\"><figcaption>{}</figcaption></figure>",
+            "<figure><div class=\"captions\">{captions}</div><img src=\"{}\" alt=\"\"><figcaption>{}</figcaption></figure>",
+            picture.uri(),
             escaped(below)
         ));
-        Ok(())
     }
 
     /// Pictures in columns, each with its caption.
-    pub fn gallery(&mut self, pictures: &[(&Path, &str)]) -> Result<()> {
+    pub fn gallery(&mut self, pictures: &[(&Picture, &str)]) {
         self.body.push_str("<div class=\"gallery\">");
         for (picture, caption) in pictures {
-            let (uri, caption) = (data_uri(picture)?, escaped(caption));
+            let (uri, caption) = (picture.uri(), escaped(caption));
             self.add(format_args!(
                 "<figure><img src=\"{uri}\" alt=\"\"><figcaption>{caption}</figcaption></figure>"
             ));
         }
         self.body.push_str("</div>\n");
-        Ok(())
     }
 
     /// Text as it stands.
@@ -105,16 +112,19 @@ impl Page {
     }
 
     /// Writes the page.
-    pub fn save(&self, path: &Path) -> Result<()> {
+    ///
+    /// # Errors
+    /// If the file cannot be written; then nothing has changed.
+    pub fn save(&self, path: &Path) -> Result<(), IoError> {
         let Self { title, body } = self;
-        Ok(atomic::write(path, |out| {
+        atomic::write(path, |out| {
             write!(
                 out,
                 "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
                  <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
                  <title>{title}</title><style>{STYLE}</style></head>\n<body>\n{body}</body></html>\n"
             )
-        })?)
+        })
     }
 
     fn add(&mut self, html: impl Display) {
@@ -134,9 +144,24 @@ impl Legend {
     }
 }
 
-fn data_uri(png: &Path) -> Result<String> {
-    let bytes = std::fs::read(png).with_context(|| format!("{} could not be read", png.display()))?;
-    Ok(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
+impl Picture {
+    /// A picture of these pixels.
+    #[must_use]
+    pub fn new(image: &Grid<Rgb>) -> Self {
+        Self { png: image::png_rgb(image) }
+    }
+
+    /// Writes the picture as a PNG file.
+    ///
+    /// # Errors
+    /// If the file cannot be written; then nothing has changed.
+    pub fn save(&self, path: &Path) -> Result<(), IoError> {
+        atomic::write(path, |out| out.write_all(&self.png))
+    }
+
+    fn uri(&self) -> String {
+        format!("data:image/png;base64,{}", STANDARD.encode(&self.png))
+    }
 }
 
 fn escaped(text: &str) -> String {
@@ -146,18 +171,22 @@ fn escaped(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use vamvs_core::Size;
 
     #[test]
     fn pages_hold_their_pictures_and_no_foreign_markup() {
         let folder = tempfile::tempdir().unwrap();
         let (png, html) = (folder.path().join("a.png"), folder.path().join("a.html"));
-        atomic::write(&png, |out| out.write_all(b"abc")).unwrap();
+        let pixels = Grid::from_fn(Size::new(3, 2), |x, y| [x as u8, y as u8, 7]);
+        let picture = Picture::new(&pixels);
+        picture.save(&png).unwrap();
+        assert_eq!(image::load_rgb(&png).unwrap(), pixels);
         let mut page = Page::new("A & B", "<script>");
-        page.gallery(&[(&png, "1 < 2")]).unwrap();
+        page.gallery(&[(&picture, "1 < 2")]);
         page.save(&html).unwrap();
         let text = std::fs::read_to_string(html).unwrap();
-        assert!(text.contains("src=\"data:image/png;base64,YWJj\""));
+        let bytes = STANDARD.encode(std::fs::read(png).unwrap());
+        assert!(text.contains(&format!("src=\"data:image/png;base64,{bytes}\"")));
         assert!(text.contains("A &amp; B") && text.contains("1 &lt; 2") && !text.contains("<script"));
-        assert!(page.gallery(&[(&folder.path().join("missing.png"), "")]).is_err());
     }
 }

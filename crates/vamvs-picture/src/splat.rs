@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use vamvs_core::{CloudPoint, Grid, Rgb, Size};
 use vamvs_io::image;
 
-use crate::viewpoint::Viewpoint;
+use crate::Viewpoint;
 
 /// What is where no point is.
 const BACKGROUND: [f32; 3] = [222.0, 225.0, 229.0];
@@ -36,6 +36,7 @@ pub enum Look {
 }
 
 /// A cloud whose points have a size.
+#[derive(Clone, Debug)]
 pub struct Surfels<'a> {
     points: &'a [CloudPoint],
     /// Of each point's disc, scene units.
@@ -59,11 +60,13 @@ struct Splat {
 
 impl<'a> Surfels<'a> {
     /// Gives each point a size by the distance to its neighbours.
+    #[must_use]
     pub fn new(points: &'a [CloudPoint]) -> Self {
         Self { points, radii: radii(points) }
     }
 
     /// The picture from a viewpoint.
+    #[must_use]
     pub fn render(&self, view: &Viewpoint, look: Look) -> Grid<Rgb> {
         let size = view.camera.size;
         let fine_size = Size::new(SAMPLES * size.width, SAMPLES * size.height);
