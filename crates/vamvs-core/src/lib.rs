@@ -7,6 +7,7 @@
 
 pub mod camera;
 pub mod cloud;
+pub mod crop;
 pub mod depth_map;
 pub mod depth_range;
 pub mod grid;
@@ -19,12 +20,16 @@ pub mod planes;
 pub mod pose;
 pub mod roi;
 pub mod scene;
+pub mod similarity;
 pub mod undistort;
 pub mod view_selection;
+pub mod visibility;
+pub mod voxel_mask;
 pub mod window_knn;
 
 pub use camera::{Camera, Pinhole};
 pub use cloud::{Cloud, CloudPoint};
+pub use crop::CropVolume;
 pub use depth_map::DepthMap;
 pub use depth_range::DepthRange;
 pub use grid::{Grid, Size};
@@ -35,3 +40,6 @@ pub use planes::{Planes, Spacing};
 pub use pose::Pose;
 pub use roi::Roi;
 pub use scene::{Scene, SparsePoint, View};
+pub use similarity::Similarity;
+pub use visibility::Visibility;
+pub use voxel_mask::VoxelMask;

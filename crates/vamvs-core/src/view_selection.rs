@@ -150,8 +150,10 @@ fn virtual_points(view: &View, pinhole: &Pinhole, range: &DepthRange) -> Vec<Vec
     points
 }
 
-/// MVSNet's piecewise Gaussian of the angle between two rays from a point to the cameras.
-fn angle_score(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+/// MVSNet's piecewise Gaussian of the angle between two rays from a point to the cameras: 1 at the best
+/// angle, less the wider or narrower it is.
+#[must_use]
+pub fn angle_score(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     let angle = a.cross(b).norm().atan2(a.dot(b)).to_degrees();
     let deviation = if angle <= BEST_ANGLE { NARROWER } else { WIDER };
     (-0.5 * ((angle - BEST_ANGLE) / deviation).powi(2)).exp()

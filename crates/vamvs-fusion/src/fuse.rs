@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use vamvs_core::{Cloud, CloudPoint, Roi};
+use vamvs_core::{Cloud, Roi};
 
 use crate::cache::ViewCache;
 use crate::geometric::{Kept, Pair, keep};
 use crate::merge::{Merger, Other};
 use crate::photometric::FilteredView;
 use crate::priority::Ranking;
-use crate::{BoxError, FuseError, FuseOptions, FuseReport, MapSource, ViewReport};
+use crate::{BoxError, FuseError, FuseOptions, FuseReport, FusedPoints, MapSource, ViewReport};
 
 /// What is fused and how.
 #[derive(Debug)]
@@ -53,7 +53,7 @@ pub enum FuseEvent {
 /// `sink` fails.
 pub fn fuse<S: MapSource + ?Sized>(
     job: &FuseJob<'_, S>,
-    sink: &mut dyn FnMut(&[CloudPoint]) -> Result<(), BoxError>,
+    sink: &mut dyn FnMut(&FusedPoints) -> Result<(), BoxError>,
     on_event: &mut dyn FnMut(FuseEvent),
 ) -> Result<FuseReport, FuseError> {
     job.options.validate()?;
@@ -63,10 +63,11 @@ pub fn fuse<S: MapSource + ?Sized>(
     let mut merging = Merging { job, kept: &kept, unit: typical_footprint(&kept), cache: &mut cache };
     let mut views = Vec::with_capacity(kept.len());
     for (view, others) in mutual(&neighbours).iter().enumerate() {
-        let points = merging.points(view, others)?;
-        sink(&points).map_err(FuseError::Sink)?;
-        on_event(FuseEvent::Merged { view, points: points.len() as u64 });
-        views.push(finished_report(&kept[view], points.len() as u64));
+        let fused = merging.points(view, others)?;
+        sink(&fused).map_err(FuseError::Sink)?;
+        let points = fused.points().len() as u64;
+        on_event(FuseEvent::Merged { view, points });
+        views.push(finished_report(&kept[view], points));
     }
     Ok(FuseReport { views })
 }
@@ -77,8 +78,8 @@ pub fn fuse<S: MapSource + ?Sized>(
 /// As [`fuse`].
 pub fn fuse_to_cloud<S: MapSource + ?Sized>(job: &FuseJob<'_, S>) -> Result<(Cloud, FuseReport), FuseError> {
     let mut cloud = Cloud::new();
-    let mut sink = |points: &[CloudPoint]| {
-        cloud.extend_from_slice(points);
+    let mut sink = |fused: &FusedPoints| {
+        cloud.extend_from_slice(fused.points());
         Ok(())
     };
     let report = fuse(job, &mut sink, &mut |_| ())?;
@@ -155,9 +156,9 @@ struct Merging<'a, 'c, S: ?Sized> {
 }
 
 impl<S: MapSource + ?Sized> Merging<'_, '_, S> {
-    fn points(&mut self, view: usize, others: &[usize]) -> Result<Vec<CloudPoint>, FuseError> {
+    fn points(&mut self, view: usize, others: &[usize]) -> Result<FusedPoints, FuseError> {
         if self.kept[view].count == 0 {
-            return Ok(Vec::new());
+            return Ok(FusedPoints::default());
         }
         let (reference, pairs) = load_pairs(self.cache, view, others, self.job.options)?;
         let other = |pair: Pair| Other {
@@ -166,6 +167,7 @@ impl<S: MapSource + ?Sized> Merging<'_, '_, S> {
             pair,
         };
         let merger = Merger {
+            view,
             reference: &reference,
             ranking: Ranking::new(view, &reference, self.unit),
             kept: &self.kept[view].bits,

@@ -18,12 +18,16 @@ mod merge;
 mod normals;
 mod options;
 mod photometric;
+mod points;
 mod priority;
 mod report;
 mod source;
+mod surface;
 
 pub use error::{BoxError, FuseError};
 pub use fuse::{FuseEvent, FuseJob, fuse, fuse_to_cloud};
 pub use options::{FuseOptions, OptionsError};
+pub use points::FusedPoints;
 pub use report::{FuseReport, ViewReport};
 pub use source::{FusionView, MapSource};
+pub use surface::Surface;

@@ -4,6 +4,7 @@ use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 use vamvs_core::{CloudPoint, Pose, Rgb};
 
+use crate::FusedPoints;
 use crate::bits::BitGrid;
 use crate::geometric::{Match, Pair};
 use crate::normals::normal_in_cam;
@@ -12,6 +13,8 @@ use crate::priority::Ranking;
 
 /// A reference view with all views that may see the same places.
 pub(crate) struct Merger<'a> {
+    /// The reference view's number.
+    pub view: usize,
     pub reference: &'a FilteredView,
     pub ranking: Ranking,
     pub kept: &'a BitGrid,
@@ -27,21 +30,25 @@ pub(crate) struct Other<'a> {
 
 impl Merger<'_> {
     /// The points that the reference view makes, in the order of its pixels.
-    pub fn points(&self) -> Vec<CloudPoint> {
+    pub fn points(&self) -> FusedPoints {
         let world_from_cam = self.reference.cam_from_world.inverse();
         let rows = (0..self.reference.size().height).into_par_iter();
-        let rows: Vec<Vec<CloudPoint>> = rows.map(|y| self.row(y, &world_from_cam)).collect();
-        rows.concat()
+        let rows: Vec<FusedPoints> = rows.map(|y| self.row(y, &world_from_cam)).collect();
+        let mut points = FusedPoints::default();
+        rows.iter().for_each(|row| points.append(row));
+        points
     }
 
-    fn row(&self, y: usize, world_from_cam: &Pose) -> Vec<CloudPoint> {
-        let mut points = Vec::new();
+    fn row(&self, y: usize, world_from_cam: &Pose) -> FusedPoints {
+        let mut points = FusedPoints::default();
         let mut matches = Vec::with_capacity(self.others.len());
         for x in (0..self.reference.size().width).filter(|&x| self.kept.get(x, y)) {
             matches.clear();
             let inverse_depth = self.reference.inverse_depth[(x, y)];
             if self.comes_first(centre(x, y), inverse_depth, &mut matches) {
-                points.push(self.mean(x, y, &matches).point(world_from_cam));
+                let views = matches.iter().map(|(pair, _)| pair.source_view);
+                let point = self.mean(x, y, &matches).point(world_from_cam);
+                points.push(point, std::iter::once(self.view).chain(views));
             }
         }
         points

@@ -6,7 +6,9 @@ mod synthetic;
 use nalgebra::Vector3;
 use synthetic::{Surface, all_others, views};
 use vamvs_core::{Cloud, Pose, Size};
-use vamvs_fusion::{FuseEvent, FuseJob, FuseOptions, FuseReport, FusionView, fuse, fuse_to_cloud};
+use vamvs_fusion::{
+    FuseEvent, FuseJob, FuseOptions, FuseReport, FusedPoints, FusionView, fuse, fuse_to_cloud,
+};
 
 const SIZE: Size = Size::new(80, 60);
 
@@ -102,8 +104,8 @@ fn points_come_view_by_view_and_events_tell_of_each() {
     let job =
         FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
     let (mut batches, mut events) = (Vec::new(), Vec::new());
-    let mut sink = |points: &[vamvs_core::CloudPoint]| {
-        batches.push(points.len() as u64);
+    let mut sink = |fused: &FusedPoints| {
+        batches.push(fused.points().len() as u64);
         Ok(())
     };
     let report = fuse(&job, &mut sink, &mut |event| events.push(event)).unwrap();
@@ -123,7 +125,7 @@ fn a_sink_that_fails_stops_the_fusion() {
     let job =
         FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
     let mut calls = 0;
-    let mut sink = |_: &[vamvs_core::CloudPoint]| {
+    let mut sink = |_: &FusedPoints| {
         calls += 1;
         Err("disk full".into())
     };

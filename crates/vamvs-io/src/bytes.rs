@@ -79,6 +79,19 @@ impl ByteReader {
         Ok(values)
     }
 
+    /// The `count` numbers that make up the rest of the file.
+    pub(crate) fn rest_as_f32s(&mut self, count: usize, what: &str) -> Result<Vec<f32>, IoError> {
+        let found = self.length - self.position;
+        if (count as u64).checked_mul(4) != Some(found) {
+            let problem = format!("{what}: expected {count} numbers of 4 bytes, found {found} bytes");
+            return Err(self.malformed(self.position, problem));
+        }
+        let mut bytes = vec![0; 4 * count];
+        self.inner.read_exact(&mut bytes).map_err(IoError::system("read", &self.path))?;
+        self.position = self.length;
+        Ok(bytes.as_chunks::<4>().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect())
+    }
+
     /// The number of entries that follow, each of at least `entry_bytes`: at most as many as fit in
     /// what remains of the file.
     pub(crate) fn count(&mut self, entry_bytes: u64, what: &str) -> Result<usize, IoError> {

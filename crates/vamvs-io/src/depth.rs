@@ -1,11 +1,12 @@
-//! Depth maps by extension: `.pfm`, or 16-bit grey `.png` with a step given.
+//! Depth maps by extension: `.pfm`, 16-bit grey `.png` with a step given, and, written only, `.exr` and
+//! `.npy`.
 
 use std::path::Path;
 
 use ::image::DynamicImage;
 use vamvs_core::{Grid, Size, depth_map};
 
-use crate::{IoError, Place, image, pfm};
+use crate::{IoError, Place, exr, image, npy, pfm};
 
 /// Largest value of a PNG that is a depth; 65535 and 0 both mean none.
 const LARGEST: u16 = u16::MAX - 1;
@@ -21,12 +22,16 @@ pub fn read(path: &Path, png_step: f64) -> Result<Grid<f32>, IoError> {
     match Format::of(path)? {
         Format::Pfm => pfm::read_depth(path),
         Format::Png => read_png(path, png_step),
+        Format::Exr | Format::Npy => {
+            let problem = "expected a depth map in a format that is read, .pfm or .png";
+            Err(IoError::unsupported(path, Place::Whole, problem))
+        }
     }
 }
 
 /// Writes a depth map.
 ///
-/// `png_step` is the depth, in scene units, of one step of a 16-bit PNG; PFM files do not need it.
+/// `png_step` is the depth, in scene units, of one step of a 16-bit PNG; the other formats do not need it.
 ///
 /// # Errors
 /// If the file cannot be written, or a depth does not fit 16 bits; then nothing has changed.
@@ -34,12 +39,28 @@ pub fn write(path: &Path, depth: &Grid<f32>, png_step: f64) -> Result<(), IoErro
     match Format::of(path)? {
         Format::Pfm => pfm::write(path, depth),
         Format::Png => image::save_png_gray16(path, &quantized(path, depth, png_step)?),
+        Format::Exr => exr::write(path, depth),
+        Format::Npy => npy::write(path, depth),
     }
+}
+
+/// A step of a 16-bit PNG in which `farthest` fits: the least 1, 2 or 5 times a power of ten.
+#[must_use]
+pub fn fitting_png_step(farthest: f64) -> f64 {
+    let least = farthest / f64::from(LARGEST);
+    let exponent = least.log10().floor() as i32;
+    let steps = [1.0, 2.0, 5.0, 10.0].map(|digit| {
+        // One over an exact power is the number that people write: 0.001, not 10⁻³ by multiplication.
+        if exponent < 0 { digit / 10f64.powi(-exponent) } else { digit * 10f64.powi(exponent) }
+    });
+    steps.into_iter().find(|&step| step >= least).unwrap_or(steps[3])
 }
 
 enum Format {
     Pfm,
     Png,
+    Exr,
+    Npy,
 }
 
 impl Format {
@@ -48,8 +69,11 @@ impl Format {
         match extension.as_str() {
             "pfm" => Ok(Self::Pfm),
             "png" => Ok(Self::Png),
+            "exr" => Ok(Self::Exr),
+            "npy" => Ok(Self::Npy),
             other => {
-                let problem = format!("expected a depth map's extension, .pfm or .png, found {other:?}");
+                let problem =
+                    format!("expected a depth map's extension, .pfm, .png, .exr or .npy, found {other:?}");
                 Err(IoError::unsupported(path, Place::Whole, problem))
             }
         }
@@ -109,6 +133,26 @@ mod tests {
     }
 
     #[test]
+    fn steps_are_round_and_the_farthest_depth_fits() {
+        for (farthest, expected) in [(65.534, 0.001), (65.6, 0.002), (2.0, 5e-5), (500.0, 0.01), (1e7, 200.0)]
+        {
+            assert_eq!(fitting_png_step(farthest), expected, "{farthest}");
+        }
+    }
+
+    #[test]
+    fn numpy_arrays_have_their_header_and_rows_from_the_top() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("d.npy");
+        write(&path, &Grid::from_vec(Size::new(3, 1), vec![1.0, 2.0, 3.0]), 1.0).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let (header, values) = bytes.split_at(128);
+        assert!(header.starts_with(b"\x93NUMPY\x01\x00\x76\x00{'descr': '<f4', 'fortran_order': False, "));
+        assert!(header.ends_with(b" \n"));
+        assert_eq!(values, [1f32, 2.0, 3.0].map(f32::to_le_bytes).concat());
+    }
+
+    #[test]
     fn pixels_without_depth_become_zero() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("d.png");
@@ -134,6 +178,9 @@ mod tests {
         }
         image::save_png_rgb(&path, &Grid::filled(Size::new(2, 2), [1, 2, 3])).unwrap();
         assert!(read(&path, 1.0).unwrap_err().to_string().contains("Rgb8"));
-        assert!(read(&folder.path().join("d.exr"), 1.0).unwrap_err().to_string().contains("exr"));
+        for name in ["d.exr", "d.tif"] {
+            let error = read(&folder.path().join(name), 1.0).unwrap_err().to_string();
+            assert!(error.contains(".pfm"), "{error}");
+        }
     }
 }

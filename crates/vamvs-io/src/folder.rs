@@ -8,7 +8,7 @@ use std::path::{Component, Path};
 use crate::IoError;
 
 /// Extensions of the formats that [`crate::image`] decodes, in lower case.
-const EXTENSIONS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
+pub(crate) const EXTENSIONS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
 
 /// How many missing images a message names.
 const NAMED: usize = 5;

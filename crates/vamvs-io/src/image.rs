@@ -139,6 +139,14 @@ pub fn save_png_rgb(path: &Path, image: &Grid<Rgb>) -> Result<(), IoError> {
     save_png(path, image.data().as_flattened(), image.size(), ExtendedColorType::Rgb8)
 }
 
+/// Saves an 8-bit grey PNG.
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+pub fn save_png_gray8(path: &Path, image: &Grid<u8>) -> Result<(), IoError> {
+    save_png(path, image.data(), image.size(), ExtendedColorType::L8)
+}
+
 /// Saves a 16-bit grey PNG.
 ///
 /// # Errors
@@ -148,12 +156,23 @@ pub fn save_png_gray16(path: &Path, image: &Grid<u16>) -> Result<(), IoError> {
     save_png(path, &bytes, image.size(), ExtendedColorType::L16)
 }
 
+/// The bytes of an 8-bit colour PNG.
+#[must_use]
+pub fn png_rgb(image: &Grid<Rgb>) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    encode_png(&mut bytes, image.data().as_flattened(), image.size(), ExtendedColorType::Rgb8)
+        .expect("memory takes all that is written, and a grid holds one value a pixel");
+    bytes
+}
+
 fn save_png(path: &Path, bytes: &[u8], size: Size, color: ExtendedColorType) -> Result<(), IoError> {
-    atomic::write(path, |out: &mut dyn Write| {
-        PngEncoder::new(out)
-            .write_image(bytes, size.width as u32, size.height as u32, color)
-            .map_err(io::Error::other)
-    })
+    atomic::write(path, |out: &mut dyn Write| encode_png(out, bytes, size, color))
+}
+
+fn encode_png(out: impl Write, bytes: &[u8], size: Size, color: ExtendedColorType) -> io::Result<()> {
+    PngEncoder::new(out)
+        .write_image(bytes, size.width as u32, size.height as u32, color)
+        .map_err(io::Error::other)
 }
 
 /// Decodes a file by its content, whatever its name says.

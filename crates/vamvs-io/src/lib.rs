@@ -6,28 +6,47 @@
 //! computes geometry: pixels and cameras are handed on as `vamvs_core` types.
 
 pub mod atomic;
+pub mod bundler;
 mod bytes;
 pub mod colmap;
 pub mod depth;
+pub mod dtu;
 pub mod error;
+mod exr;
 mod folder;
 pub mod image;
 mod jpeg;
+mod locate;
 pub mod masks;
+pub mod mat;
 pub mod mvsnet;
+pub mod nerfstudio;
+mod npy;
+pub mod nvm;
+pub mod openmvs;
 pub mod pfm;
 pub mod ply;
 mod text;
+pub mod tnt;
+pub mod visibility;
 
 pub use error::{IoError, Place};
 
+use std::path::PathBuf;
+
 use vamvs_core::Scene;
+
+use crate::masks::Masks;
 
 /// A scene as read from its files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
     /// The scene.
     pub scene: Scene,
+    /// The folder that the views' names are relative to.
+    pub images: PathBuf,
+    /// The masks that the scene's files tell.
+    pub masks: Masks,
     /// What a user should know about how the files were read, one sentence each.
     pub warnings: Vec<String>,
 }

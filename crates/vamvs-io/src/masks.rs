@@ -1,10 +1,42 @@
 //! Masks beside photographs: black (0) pixels are ignored, all others count.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use vamvs_core::{Grid, Size};
 
 use crate::{IoError, image};
+
+/// Where the masks of a scene's photographs are.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Masks {
+    /// There are none.
+    #[default]
+    None,
+    /// In a folder, by the photographs' names (see [`find`]).
+    Folder(PathBuf),
+    /// The files that the scene's files tell, by the photographs' names.
+    Files(BTreeMap<String, PathBuf>),
+}
+
+impl Masks {
+    /// The folder `masks` beside the folder of photographs, if there is one.
+    #[must_use]
+    pub fn beside(images: &Path) -> Self {
+        let folder = images.with_file_name("masks");
+        if folder.is_dir() && folder != images { Self::Folder(folder) } else { Self::None }
+    }
+
+    /// The mask file of the image `name`, if there is one.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<PathBuf> {
+        match self {
+            Self::None => None,
+            Self::Folder(folder) => find(folder, name),
+            Self::Files(files) => files.get(name).cloned(),
+        }
+    }
+}
 
 /// The mask of the image `name` in `folder`, if there is one: the first of `NAME.EXT.png` (COLMAP's),
 /// `NAME.png` and, for an image in a subfolder, `NAME.png` without the subfolder.
@@ -62,6 +94,21 @@ mod tests {
             let path = grey(folder, name, &one);
             assert_eq!(find(folder, "left/a b.jpg"), Some(path));
         }
+    }
+
+    #[test]
+    fn a_folder_of_masks_beside_the_photographs_is_found() {
+        let scene = tempfile::tempdir().unwrap();
+        let images = scene.path().join("images");
+        assert_eq!(Masks::beside(&images), Masks::None);
+        let folder = scene.path().join("masks");
+        std::fs::create_dir(&folder).unwrap();
+        assert_eq!(Masks::beside(&images), Masks::Folder(folder.clone()));
+        assert_eq!(Masks::beside(&folder), Masks::None);
+        let path = grey(&folder, "a.png", &Grid::filled(Size::new(1, 1), 1));
+        assert_eq!(Masks::beside(&images).find("a.jpg"), Some(path.clone()));
+        let files = Masks::Files([("b.jpg".to_owned(), path.clone())].into());
+        assert_eq!((files.find("a.jpg"), files.find("b.jpg")), (None, Some(path)));
     }
 
     #[test]

@@ -46,12 +46,27 @@ pub fn read_depth(path: &Path) -> Result<Grid<f32>, IoError> {
 /// # Errors
 /// If the file cannot be written; then nothing has changed.
 pub fn write(path: &Path, grid: &Grid<f32>) -> Result<(), IoError> {
+    write_rows(path, "Pf", grid.size(), |y| grid.row(y))
+}
+
+/// Writes a three-channel `PF` map, little-endian.
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+pub fn write_rgb(path: &Path, grid: &Grid<[f32; 3]>) -> Result<(), IoError> {
+    write_rows(path, "PF", grid.size(), |y| grid.row(y).as_flattened())
+}
+
+fn write_rows<'a>(
+    path: &Path,
+    kind: &str,
+    size: Size,
+    row: impl Fn(usize) -> &'a [f32],
+) -> Result<(), IoError> {
     atomic::write(path, |out| {
-        write!(out, "Pf\n{} {}\n-1.0\n", grid.width(), grid.height())?;
-        let mut bytes = Vec::with_capacity(4 * grid.width());
-        for y in (0..grid.height()).rev() {
-            bytes.clear();
-            bytes.extend(grid.row(y).iter().flat_map(|value| value.to_le_bytes()));
+        write!(out, "{kind}\n{} {}\n-1.0\n", size.width, size.height)?;
+        for y in (0..size.height).rev() {
+            let bytes: Vec<u8> = row(y).iter().flat_map(|value| value.to_le_bytes()).collect();
             out.write_all(&bytes)?;
         }
         Ok(())

@@ -129,7 +129,13 @@ pub(crate) struct WordReader {
 impl WordReader {
     /// Opens `path`.
     pub(crate) fn open(path: &Path) -> Result<Self, IoError> {
-        Ok(Self { reader: TextReader::open(path)?, consumed: 0 })
+        Ok(Self::new(TextReader::open(path)?))
+    }
+
+    /// The words after the line that was read last.
+    pub(crate) fn new(reader: TextReader) -> Self {
+        let consumed = reader.line.len();
+        Self { reader, consumed }
     }
 
     /// The next word; `None` at the end of the file.

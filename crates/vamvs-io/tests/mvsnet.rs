@@ -11,6 +11,7 @@ use tempfile::{TempDir, tempdir};
 use vamvs_core::{DepthRange, Grid, Intrinsics, Pinhole, Pose, Size};
 use vamvs_io::mvsnet::{
     DepthLine, Options, PixelCentre, read_cam, read_pairs, read_scene, write_cam, write_pairs,
+    write_scored_pairs,
 };
 use vamvs_io::{IoError, Loaded, atomic, image};
 
@@ -162,6 +163,14 @@ fn pairs_are_read_as_written() {
 }
 
 #[test]
+fn scores_are_written_beside_their_pairs() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("pair.txt");
+    write_scored_pairs(&path, &[3, 5], &[vec![(1, 0.25)], vec![]]).unwrap();
+    assert_eq!(fs::read_to_string(&path).unwrap(), "2\n3\n1 5 0.25\n5\n0\n");
+}
+
+#[test]
 fn wrong_pairs_are_refused_with_their_line() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("pair.txt");
@@ -213,7 +222,7 @@ fn read(folder: &TempDir) -> Result<Loaded, IoError> {
 fn a_scene_matches_images_by_stem_and_finds_its_pairs() {
     let folder = folder(&["00000003", "00000012"], &["00000003.PNG", "00000012.webp.png", "00000012.png"]);
     save(&folder.path().join("pair.txt"), "2\n12\n1 3 0.5\n3\n0");
-    let Loaded { scene, warnings } = read(&folder).unwrap();
+    let Loaded { scene, warnings, .. } = read(&folder).unwrap();
     let views: Vec<_> =
         scene.views.iter().map(|view| (view.id, view.name.as_str(), view.camera.size)).collect();
     let size = Size::new(8, 6);

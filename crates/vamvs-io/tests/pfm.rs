@@ -52,6 +52,16 @@ proptest! {
 }
 
 #[test]
+fn maps_of_three_channels_are_read_as_written() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("normals.pfm");
+    let grid = Grid::from_fn(Size::new(3, 2), |x, y| [x as f32, y as f32, -0.5]);
+    pfm::write_rgb(&path, &grid).unwrap();
+    assert_eq!(pfm::read_rgb(&path).unwrap(), grid);
+    assert!(pfm::read(&path).unwrap_err().to_string().contains("\"Pf\""));
+}
+
+#[test]
 fn rows_are_stored_from_bottom_to_top() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("a.pfm");

@@ -45,6 +45,8 @@ proptest! {
         let folder = tempdir().unwrap();
         let path = folder.path().join("é cloud.ply");
         ply::write(&path, &cloud).unwrap();
+        let positions: Vec<[f64; 3]> = cloud.iter().map(|point| point.x_in_world).collect();
+        prop_assert_eq!(ply::read_positions(&path).unwrap(), positions);
         prop_assert_eq!(ply::read(&path).unwrap(), cloud);
     }
 
@@ -152,6 +154,7 @@ fn vertices_without_a_position_are_left_out() {
     let cloud = vec![point([1.0, 2.0, 3.0]), point([f64::NAN, 0.0, 0.0]), point([0.0, f64::INFINITY, 0.0])];
     ply::write(&path, &cloud).unwrap();
     assert_eq!(ply::read(&path).unwrap(), cloud[..1]);
+    assert_eq!(ply::read_positions(&path).unwrap(), [[1.0, 2.0, 3.0]]);
 }
 
 #[test]

@@ -133,9 +133,10 @@ impl Run<'_> {
         plan: &ViewPlan,
         on_event: &mut dyn FnMut(Event),
     ) -> Result<bool, VamvsError> {
-        let record = Record { made_of: self.identity.of(view, plan) };
+        let record = self.record(view, plan);
         let name = self.names[view].clone();
-        if !self.job.force && self.job.output.saved(&name).as_ref() == Some(&record) {
+        let is_there = |saved: Record| saved.made_of == record.made_of;
+        if !self.job.force && self.job.output.saved(&name).is_some_and(is_there) {
             self.summary.resumed += 1;
             return Ok(true);
         }
@@ -160,6 +161,14 @@ impl Run<'_> {
         self.summary.made += 1;
         self.summary.profile.add(&profile);
         Ok(false)
+    }
+
+    fn record(&self, view: usize, plan: &ViewPlan) -> Record {
+        Record {
+            made_of: self.identity.of(view, plan),
+            planes: Some(plan.planes),
+            sources: plan.sources.iter().map(|&source| self.names[source].clone()).collect(),
+        }
     }
 
     fn map(

@@ -27,4 +27,11 @@ pub enum Event {
         /// How many there will be.
         total: usize,
     },
+    /// A view is exported.
+    Export {
+        /// How many views are done.
+        done: usize,
+        /// How many there will be.
+        total: usize,
+    },
 }

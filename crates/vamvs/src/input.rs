@@ -1,8 +1,9 @@
 //! Where a scene comes from.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use vamvs_io::{Loaded, colmap, mvsnet};
+use vamvs_io::masks::Masks;
+use vamvs_io::{IoError, Loaded, bundler, colmap, mvsnet, nerfstudio, nvm, openmvs};
 
 use crate::VamvsError;
 
@@ -27,20 +28,46 @@ pub enum Input {
         /// Folder of photographs.
         images: PathBuf,
     },
+    /// nerfstudio's `transforms.json`.
+    Nerfstudio {
+        /// The file, or its folder.
+        transforms: PathBuf,
+        /// Folder of photographs, if they are not where the file says.
+        images: Option<PathBuf>,
+    },
+    /// Bundler's `bundle.out`, with its list of images beside it.
+    Bundler {
+        /// The file.
+        bundle: PathBuf,
+        /// Folder of photographs, if they are not where the list says.
+        images: Option<PathBuf>,
+    },
+    /// VisualSFM's `.nvm`.
+    Nvm {
+        /// The file.
+        nvm: PathBuf,
+        /// Folder of photographs, if they are not where the file says.
+        images: Option<PathBuf>,
+    },
+    /// OpenMVS's `.mvs`.
+    Openmvs {
+        /// The file.
+        mvs: PathBuf,
+        /// Folder of photographs, if they are not where the file says.
+        images: Option<PathBuf>,
+    },
 }
 
 impl Input {
-    /// Reads the scene.
+    /// Reads the scene. Where its files tell no masks, those in `masks` beside the photographs are the scene's.
     ///
     /// # Errors
     /// If a file is missing or malformed, or there are fewer than two views.
     pub fn load(&self) -> Result<Loaded, VamvsError> {
-        let loaded = match self {
-            Self::Mvsnet { cams, images, pairs, options } => {
-                mvsnet::read_scene(cams, images, pairs.as_deref(), options)?
-            }
-            Self::Colmap { model, images } => colmap::read_scene(model, images)?,
-        };
+        let mut loaded = self.read()?;
+        if loaded.masks == Masks::None {
+            loaded.masks = Masks::beside(&loaded.images);
+        }
         match loaded.scene.views.len() {
             0 | 1 => Err(VamvsError::Request(format!(
                 "the scene has {} view(s), but depth comes from comparing views: expected at least 2",
@@ -50,11 +77,16 @@ impl Input {
         }
     }
 
-    /// The folder of photographs.
-    #[must_use]
-    pub fn images(&self) -> &Path {
+    fn read(&self) -> Result<Loaded, IoError> {
         match self {
-            Self::Mvsnet { images, .. } | Self::Colmap { images, .. } => images,
+            Self::Mvsnet { cams, images, pairs, options } => {
+                mvsnet::read_scene(cams, images, pairs.as_deref(), options)
+            }
+            Self::Colmap { model, images } => colmap::read_scene(model, images),
+            Self::Nerfstudio { transforms, images } => nerfstudio::read_scene(transforms, images.as_deref()),
+            Self::Bundler { bundle, images } => bundler::read_scene(bundle, images.as_deref()),
+            Self::Nvm { nvm, images } => nvm::read_scene(nvm, images.as_deref()),
+            Self::Openmvs { mvs, images } => openmvs::read_scene(mvs, images.as_deref()),
         }
     }
 }

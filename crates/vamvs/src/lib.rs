@@ -3,7 +3,9 @@
 //! This is the face of the library, what other programs embed. In the order in which data flows:
 //! [`input`] reads a scene, [`plan`](mod@plan) decides for each view its source views, depth range and
 //! planes, [`depth`] estimates the depth maps with the network and keeps them in an [`output`] folder,
-//! [`fuse`](mod@fuse) merges them into a cloud. Progress comes as [`Event`]s; nothing here prints.
+//! [`maps`] reads depth maps, these or those of other programs, [`fuse`](mod@fuse) merges them into a cloud and
+//! [`export`] hands on to other programs. [`eval`] measures results against truth. Progress comes as
+//! [`Event`]s; nothing here prints.
 //!
 //! Without the feature `net` the crate builds and runs without libtorch, and everything but [`depth`]
 //! is there.
@@ -11,13 +13,16 @@
 #[cfg(feature = "net")]
 pub mod depth;
 pub mod error;
+pub mod eval;
 pub mod event;
+pub mod export;
 #[cfg(feature = "net")]
 mod feature_cache;
 pub mod fuse;
 #[cfg(feature = "net")]
 mod identity;
 pub mod input;
+pub mod maps;
 pub mod options;
 pub mod output;
 pub mod photographs;
@@ -29,14 +34,17 @@ pub mod weights;
 pub use depth::{DepthSummary, estimate};
 pub use error::VamvsError;
 pub use event::Event;
+pub use export::ExportOptions;
 pub use fuse::{FuseSummary, fuse};
 pub use input::Input;
+pub use maps::Maps;
 pub use options::{DepthOptions, FusionOptions};
 pub use output::OutputFolder;
 pub use photographs::Photographs;
 pub use plan::{Plan, ViewPlan, plan};
 
 pub use vamvs_core as core;
+pub use vamvs_eval as measures;
 pub use vamvs_fusion as fusion;
 pub use vamvs_io as io;
 #[cfg(feature = "net")]

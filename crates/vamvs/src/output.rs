@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use vamvs_core::{DepthMap, DepthRange, Grid, Pinhole, Rgb, View};
+use vamvs_core::{DepthMap, DepthRange, Grid, Planes, Rgb, View};
 use vamvs_io::{IoError, atomic, image, mvsnet, pfm};
 
 use crate::VamvsError;
@@ -22,10 +22,16 @@ pub struct OutputFolder {
 }
 
 /// What made a depth map, kept beside it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// The hash of all that made the depth map.
     pub made_of: String,
+    /// The planes of the sweep; `None` if there were none, or nobody said.
+    #[serde(default)]
+    pub planes: Option<Planes>,
+    /// Names of the source views, best first; empty if nobody said.
+    #[serde(default)]
+    pub sources: Vec<String>,
 }
 
 /// A depth map's files, complete.
@@ -44,22 +50,6 @@ impl OutputFolder {
     #[must_use]
     pub fn new(root: &Path) -> Self {
         Self { root: root.to_owned() }
-    }
-
-    /// The output folder of which `path` is either the root or its `depths` folder.
-    ///
-    /// # Errors
-    /// If there are no depth maps.
-    pub fn find(path: &Path) -> Result<Self, VamvsError> {
-        let root = if path.join("depths").is_dir() {
-            path
-        } else if path.is_dir() && path.file_name().is_some_and(|name| name == "depths") {
-            path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
-        } else {
-            let problem = "expected a folder with depth maps in `depths/` and cameras in `cams/`, as `vamvs depth` writes it";
-            return Err(VamvsError::Folder { path: path.to_owned(), problem: problem.to_owned() });
-        };
-        Ok(Self::new(root))
     }
 
     /// The folder itself.
@@ -216,24 +206,6 @@ impl OutputFolder {
             return None;
         }
         read_json(&self.record(name)).ok()
-    }
-
-    /// Reads a depth map.
-    ///
-    /// # Errors
-    /// If a file is missing or malformed, or sizes differ.
-    pub fn read(&self, name: &str, camera: Pinhole, view: &View) -> Result<DepthMap, VamvsError> {
-        let depth = pfm::read_depth(&self.depth(name))?;
-        let confidence = match self.confidence(name) {
-            path if path.is_file() => pfm::read(&path)?,
-            _ => depth.map(|depth| f32::from(u8::from(*depth > 0.0))),
-        };
-        let coarse_confidence = match self.coarse_confidence(name) {
-            path if path.is_file() => Some(pfm::read(&path)?),
-            _ => None,
-        };
-        let camera = camera.resized(depth.size());
-        Ok(DepthMap { camera, cam_from_world: view.cam_from_world, depth, confidence, coarse_confidence })
     }
 
     /// `fused.ply`.

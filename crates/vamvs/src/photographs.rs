@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use vamvs_core::undistort::Undistortion;
 use vamvs_core::{Camera, Grid, Photo, Pinhole, Scene, Size, View};
-use vamvs_io::{image, masks};
+use vamvs_io::image;
+use vamvs_io::masks::{self, Masks};
 
 use crate::VamvsError;
 
@@ -12,16 +13,16 @@ use crate::VamvsError;
 #[derive(Clone, Debug)]
 pub struct Photographs {
     images: PathBuf,
-    masks: Option<PathBuf>,
+    masks: Masks,
     max_size: usize,
 }
 
 impl Photographs {
-    /// Photographs in `images`, masks (0 = ignore) in `masks`, reduced to `max_size` pixels on the
-    /// longer side.
+    /// Photographs in `images`, with their masks (0 = ignore), reduced to `max_size` pixels on the longer
+    /// side.
     #[must_use]
-    pub fn new(images: &Path, masks: Option<&Path>, max_size: usize) -> Self {
-        Self { images: images.to_owned(), masks: masks.map(Path::to_owned), max_size }
+    pub fn new(images: &Path, masks: Masks, max_size: usize) -> Self {
+        Self { images: images.to_owned(), masks, max_size }
     }
 
     /// The folder of photographs.
@@ -30,19 +31,10 @@ impl Photographs {
         &self.images
     }
 
-    /// What a user should know about masks: that only some views have one.
-    ///
-    /// # Errors
-    /// If the folder of masks is none.
-    pub fn check_masks(&self, scene: &Scene) -> Result<Option<String>, VamvsError> {
-        let Some(folder) = &self.masks else { return Ok(None) };
-        if !folder.is_dir() {
-            let problem = "expected a folder of masks".to_owned();
-            return Err(VamvsError::Folder { path: folder.clone(), problem });
-        }
-        let (all, with) =
-            (scene.views.len(), scene.views.iter().filter(|view| self.mask_path(view).is_some()).count());
-        Ok((with < all).then(|| format!("{}: {with} of {all} views have a mask there", folder.display())))
+    /// How many views of the scene have a mask.
+    #[must_use]
+    pub fn masked(&self, scene: &Scene) -> usize {
+        scene.views.iter().filter(|view| self.mask_path(view).is_some()).count()
     }
 
     /// The image file of a view.
@@ -54,7 +46,7 @@ impl Photographs {
     /// The mask file of a view, if there is one.
     #[must_use]
     pub fn mask_path(&self, view: &View) -> Option<PathBuf> {
-        masks::find(self.masks.as_deref()?, &view.name)
+        self.masks.find(&view.name)
     }
 
     /// The undistorted camera at working size.

@@ -1,4 +1,4 @@
-//! COLMAP's sparse models, text and binary, including those of COLMAP 4.
+//! COLMAP's sparse models, text and binary, including those of COLMAP 4, and its dense workspaces.
 //!
 //! A model is a folder of `cameras`, `images` and `points3D` files, `.bin` or `.txt`; if it has both,
 //! the binary ones are read. The `rigs` and `frames` files of COLMAP 4 repeat what the images hold
@@ -6,9 +6,12 @@
 
 mod binary;
 mod camera;
+pub mod dense;
 pub mod model;
 mod scene;
+mod seen_by;
 mod text;
 
 pub use model::{Image, Model, Observation, Point};
 pub use scene::read_scene;
+pub use seen_by::SeenByWriter;

@@ -158,7 +158,7 @@ impl fmt::Display for Image {
 }
 
 /// The pose of a quaternion (w, x, y, z), which is normalised, and a translation.
-pub(super) fn pose(quaternion: [f64; 4], translation: [f64; 3]) -> Result<Pose, String> {
+pub(crate) fn pose(quaternion: [f64; 4], translation: [f64; 3]) -> Result<Pose, String> {
     let [w, x, y, z] = quaternion;
     let norm = Quaternion::new(w, x, y, z).norm();
     if !norm.is_normal() {

@@ -6,6 +6,7 @@ use std::path::Path;
 use vamvs_core::{Camera, Scene, SparsePoint, View};
 
 use super::model::{Image, Model, Point};
+use crate::masks::Masks;
 use crate::{IoError, Loaded, Place, folder};
 
 /// Reads the model in `model` with the photographs in `images`, as a scene with views sorted by name.
@@ -32,7 +33,8 @@ pub fn read_scene(model: &Path, images: &Path) -> Result<Loaded, IoError> {
     }
     let view = |image: Image| view(cameras[&image.camera_id], image);
     let views = registered.into_iter().map(view).collect();
-    Ok(Loaded { scene: Scene { views, points, pairs: None }, warnings })
+    let scene = Scene { views, points, pairs: None };
+    Ok(Loaded { scene, images: images.to_owned(), masks: Masks::None, warnings })
 }
 
 fn view(camera: Camera, image: Image) -> View {

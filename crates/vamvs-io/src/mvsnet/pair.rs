@@ -42,12 +42,21 @@ pub fn read_pairs(path: &Path, ids: &[u32]) -> Result<Vec<Vec<usize>>, IoError> 
 /// # Errors
 /// If the file cannot be written; then nothing has changed.
 pub fn write_pairs(path: &Path, ids: &[u32], sources: &[Vec<usize>]) -> Result<(), IoError> {
+    let scored = |sources: &Vec<usize>| sources.iter().map(|&source| (source, 1.0)).collect();
+    write_scored_pairs(path, ids, &sources.iter().map(scored).collect::<Vec<_>>())
+}
+
+/// Writes the source views of each view with their scores, best first, as [`write_pairs`].
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+pub fn write_scored_pairs(path: &Path, ids: &[u32], sources: &[Vec<(usize, f64)>]) -> Result<(), IoError> {
     atomic::write(path, |out| {
         writeln!(out, "{}", ids.len())?;
         for (id, sources) in ids.iter().zip(sources) {
             write!(out, "{id}\n{}", sources.len())?;
-            for &source in sources {
-                write!(out, " {} 1", ids[source])?;
+            for &(source, score) in sources {
+                write!(out, " {} {score}", ids[source])?;
             }
             writeln!(out)?;
         }

@@ -8,6 +8,7 @@ use vamvs_core::{Camera, Lens, Scene, Size, View};
 
 use super::cam::{Cam, Options, read_cam};
 use super::pair::read_pairs;
+use crate::masks::Masks;
 use crate::{IoError, Loaded, Place, folder, image};
 
 /// How the names of camera files end.
@@ -43,7 +44,8 @@ pub fn read_scene(
     warnings.extend(folder::warn_of_unused(&found, names.iter().copied()));
     let pair_file = pairs.map(Path::to_owned).or_else(|| pair_file_near(cams));
     let pairs = pair_file.map(|path| read_pairs(&path, &ids)).transpose()?;
-    Ok(Loaded { scene: Scene { views, points: Vec::new(), pairs }, warnings })
+    let scene = Scene { views, points: Vec::new(), pairs };
+    Ok(Loaded { scene, images: images.to_owned(), masks: Masks::None, warnings })
 }
 
 fn view(id: u32, name: &str, cam: &Cam, size: Size) -> View {

@@ -8,7 +8,7 @@ use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{ElementDef, Encoding, Header, PropertyAccess, PropertyType, ScalarType};
 use vamvs_core::{Cloud, CloudPoint};
 
-use super::vertex::{self, Vertex};
+use super::vertex::{self, Position, Vertex};
 use crate::{IoError, Place};
 
 /// Reads the vertices of a PLY file.
@@ -21,13 +21,29 @@ use crate::{IoError, Place};
 /// If the file cannot be read, is no PLY file, has no vertices with positions, or is shorter than its
 /// header announces.
 pub fn read(path: &Path) -> Result<Cloud, IoError> {
+    let vertices: Vec<Vertex> = read_vertices(path)?;
+    let finite = |point: &CloudPoint| point.x_in_world.iter().all(|value| value.is_finite());
+    Ok(vertices.into_iter().map(|vertex| vertex.0).filter(finite).collect())
+}
+
+/// Reads the positions of a PLY file's vertices alone, in half the memory that whole points take.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_positions(path: &Path) -> Result<Vec<[f64; 3]>, IoError> {
+    let vertices: Vec<Position> = read_vertices(path)?;
+    let finite = |x: &[f64; 3]| x.iter().all(|value| value.is_finite());
+    Ok(vertices.into_iter().map(|vertex| vertex.0).filter(finite).collect())
+}
+
+fn read_vertices<T: PropertyAccess>(path: &Path) -> Result<Vec<T>, IoError> {
     let (mut reader, length) = open(path)?;
-    let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(malformed(path))?;
+    let header = Parser::<T>::new().read_header(&mut reader).map_err(malformed(path))?;
     let begin = reader.get_mut().stream_position().map_err(IoError::system("read", path))?;
     check_lengths(&header, length.saturating_sub(begin))
         .and_then(|()| check_positions(&header))
         .map_err(|problem| IoError::malformed(path, Place::Byte(begin), problem))?;
-    read_vertices(&mut reader, &header).map_err(malformed(path))
+    read_payload(&mut reader, &header).map_err(malformed(path))
 }
 
 /// A reader of a file that begins as a PLY file, and the file's length.
@@ -83,16 +99,17 @@ fn check_positions(header: &Header) -> Result<(), String> {
     }
 }
 
-fn read_vertices(reader: &mut Reader<BufReader<File>>, header: &Header) -> Result<Cloud, ParseError> {
+fn read_payload<T: PropertyAccess>(
+    reader: &mut Reader<BufReader<File>>,
+    header: &Header,
+) -> Result<Vec<T>, ParseError> {
     for element in header.elements.values() {
         if element.name == vertex::NAME {
-            let vertices = Parser::<Vertex>::new().read_payload_for_element(reader, element, header)?;
-            let finite = |point: &CloudPoint| point.x_in_world.iter().all(|value| value.is_finite());
-            return Ok(vertices.into_iter().map(|vertex| vertex.0).filter(finite).collect());
+            return Parser::<T>::new().read_payload_for_element(reader, element, header);
         }
         Parser::<Skipped>::new().read_payload_for_element(reader, element, header)?;
     }
-    Ok(Cloud::new())
+    Ok(Vec::new())
 }
 
 fn malformed(path: &Path) -> impl FnOnce(ParseError) -> IoError {

@@ -70,6 +70,61 @@ impl PropertyAccess for Vertex {
     }
 }
 
+/// A point's position alone.
+pub(super) struct Position(pub(super) [f64; 3]);
+
+impl PropertyAccess for Position {
+    fn new() -> Self {
+        Self([0.0; 3])
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        let axis = ["x", "y", "z"].iter().position(|axis| *axis == name);
+        match axis.zip(scalar(&property)) {
+            Some((axis, value)) => self.0[axis] = value,
+            None => return PropertyAccessResult::Ignored,
+        }
+        PropertyAccessResult::Set
+    }
+}
+
+/// A point with the views that see it, by their numbers, as OpenMVS has them; each weighs 1.
+pub(super) struct SeenVertex<'a> {
+    pub(super) vertex: Vertex,
+    pub(super) views: &'a [u32],
+    pub(super) weights: &'a [f32],
+}
+
+/// The properties that [`SeenVertex`] adds, lists of a `uchar` length.
+pub(super) const VIEW_INDICES: &str = "view_indices";
+pub(super) const VIEW_WEIGHTS: &str = "view_weights";
+
+impl PropertyAccess for SeenVertex<'_> {
+    fn new() -> Self {
+        Self { vertex: Vertex::new(), views: &[], weights: &[] }
+    }
+
+    fn get_double(&self, name: &str) -> Option<f64> {
+        self.vertex.get_double(name)
+    }
+
+    fn get_float(&self, name: &str) -> Option<f32> {
+        self.vertex.get_float(name)
+    }
+
+    fn get_uchar(&self, name: &str) -> Option<u8> {
+        self.vertex.get_uchar(name)
+    }
+
+    fn get_list_uint(&self, name: &str) -> Option<&[u32]> {
+        (name == VIEW_INDICES).then_some(self.views)
+    }
+
+    fn get_list_float(&self, name: &str) -> Option<&[f32]> {
+        (name == VIEW_WEIGHTS).then_some(self.weights)
+    }
+}
+
 fn scalar(property: &Property) -> Option<f64> {
     match *property {
         Property::Char(value) => Some(f64::from(value)),

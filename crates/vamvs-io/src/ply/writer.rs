@@ -7,13 +7,16 @@ use ply_rs_bw::ply::{Addable, ElementDef, Encoding, Header, PropertyDef, Propert
 use ply_rs_bw::writer::Writer;
 use vamvs_core::CloudPoint;
 
-use super::vertex::{self, Vertex};
+use super::vertex::{self, SeenVertex, VIEW_INDICES, VIEW_WEIGHTS, Vertex};
 use crate::IoError;
 use crate::atomic::AtomicFile;
 
 /// Ratio of the largest coordinate to the cloud's extent above which floats do not suffice: a float
 /// has 2²⁴ steps, so that at this ratio the extent has some 1700 of them.
 const FAR_FROM_ORIGIN: f64 = 1e4;
+
+/// The weights of a point's views: all alike, and as many as a `uchar` counts.
+const WEIGHTS: [f32; 255] = [1.0; 255];
 
 /// Digits of the largest number of points, for which the header leaves room.
 const COUNT_DIGITS: usize = 20;
@@ -75,7 +78,25 @@ impl PlyWriter {
     /// # Errors
     /// If the folder cannot be written.
     pub fn create(path: &Path, coordinates: Coordinates) -> Result<Self, IoError> {
-        let mut writer = Self { file: AtomicFile::create(path)?, element: element(coordinates) };
+        Self::begin(path, element(coordinates))
+    }
+
+    /// Begins a file the points of which come with the views that see them, by [`PlyWriter::push_seen`]:
+    /// as `view_indices` and `view_weights`, where OpenMVS looks for them.
+    ///
+    /// # Errors
+    /// If the folder cannot be written.
+    pub fn create_with_views(path: &Path, coordinates: Coordinates) -> Result<Self, IoError> {
+        let mut element = element(coordinates);
+        for (name, kind) in [(VIEW_INDICES, ScalarType::UInt), (VIEW_WEIGHTS, ScalarType::Float)] {
+            let list = PropertyType::List(ScalarType::UChar, kind);
+            element.properties.add(PropertyDef::new(name.to_owned(), list));
+        }
+        Self::begin(path, element)
+    }
+
+    fn begin(path: &Path, element: ElementDef) -> Result<Self, IoError> {
+        let mut writer = Self { file: AtomicFile::create(path)?, element };
         let written = writer.write_header();
         writer.check(written)?;
         Ok(writer)
@@ -89,6 +110,19 @@ impl PlyWriter {
         self.element.count += 1;
         let writer = Writer::<Vertex>::new();
         let written = writer.write_little_endian_element(&mut self.file, &Vertex(*point), &self.element);
+        self.check(written.map(drop))
+    }
+
+    /// Adds a point that the views of these numbers see, the first 255 of them, to a file with views.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn push_seen(&mut self, point: &CloudPoint, views: &[u32]) -> Result<(), IoError> {
+        self.element.count += 1;
+        let views = &views[..views.len().min(WEIGHTS.len())];
+        let seen = SeenVertex { vertex: Vertex(*point), views, weights: &WEIGHTS[..views.len()] };
+        let writer = Writer::<SeenVertex>::new();
+        let written = writer.write_little_endian_element(&mut self.file, &seen, &self.element);
         self.check(written.map(drop))
     }
 

@@ -1,0 +1,41 @@
+//! Fused points with the views that agree on them.
+
+use vamvs_core::CloudPoint;
+
+/// Points, each with the numbers of the views that agree on it, that which made it first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FusedPoints {
+    points: Vec<CloudPoint>,
+    /// The views of all points, one after the other.
+    views: Vec<u32>,
+    /// For each point where its views end.
+    ends: Vec<usize>,
+}
+
+impl FusedPoints {
+    /// The points.
+    #[must_use]
+    pub fn points(&self) -> &[CloudPoint] {
+        &self.points
+    }
+
+    /// The points with the views that agree on each.
+    pub fn iter(&self) -> impl Iterator<Item = (&CloudPoint, &[u32])> {
+        let starts = std::iter::once(&0).chain(&self.ends);
+        let views = starts.zip(&self.ends).map(|(&start, &end)| &self.views[start..end]);
+        self.points.iter().zip(views)
+    }
+
+    pub(crate) fn push(&mut self, point: CloudPoint, views: impl Iterator<Item = usize>) {
+        self.points.push(point);
+        self.views.extend(views.map(|view| view as u32));
+        self.ends.push(self.views.len());
+    }
+
+    pub(crate) fn append(&mut self, other: &Self) {
+        let offset = self.views.len();
+        self.points.extend_from_slice(&other.points);
+        self.views.extend_from_slice(&other.views);
+        self.ends.extend(other.ends.iter().map(|end| end + offset));
+    }
+}

@@ -1,0 +1,172 @@
+//! Bundler's `bundle.out` v0.3 with its list of images.
+//!
+//! A camera is `f k1 k2`, R and t: a point of its frame, which has x to the right, y up and looks along
+//! −z, is seen at p = −(x, y)/z, bent to (1 + k₁|p|² + k₂|p|⁴) p, in pixels from the image's centre. The
+//! list names the images in the order of the cameras, one a line.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Matrix3, Vector3};
+use vamvs_core::{Camera, Intrinsics, Lens, Pose, Size, SparsePoint, View};
+
+use crate::locate::{Located, locate, sorted_by_name};
+use crate::masks::Masks;
+use crate::text::{TextReader, WordReader};
+use crate::{IoError, Loaded, Place, image};
+
+/// Reads the scene of the file `bundle`; cameras of focal length 0 were not registered and are left out.
+///
+/// The list of images is the first that exists of `NAME.list.txt` (for `NAME.bundle.out` and `NAME.out`)
+/// and `list.txt`, beside the file or in the folder above. Photographs are found in `images`, or relative
+/// to the list.
+///
+/// # Errors
+/// If a file cannot be read or is malformed, there is no list or one of another length, or photographs
+/// are missing.
+pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
+    let list = list_of(bundle)?;
+    let named = read_list(&list)?;
+    let Bundle { cameras, points } = read_bundle(bundle, named.len())?;
+    let place = registered_places(&cameras);
+    let kept: Vec<(String, BundleCamera)> =
+        named.into_iter().zip(cameras).filter_map(|(name, camera)| Some((name, camera?))).collect();
+    if kept.is_empty() {
+        let problem = "expected registered cameras, found none of a focal length other than 0";
+        return Err(IoError::malformed(bundle, Place::Whole, problem));
+    }
+    let names: Vec<String> = kept.iter().map(|(name, _)| name.clone()).collect();
+    let Located { folder, names } = locate(&list, &names, images)?;
+    let views = kept.iter().zip(&names).map(|((_, camera), name)| camera.view(&folder, name));
+    let views = views.collect::<Result<_, _>>()?;
+    let left_out = place.iter().filter(|place| place.is_none()).count();
+    let warning = format!("{left_out} of {} cameras were not registered and are left out", place.len());
+    let points = points.into_iter().map(|point| renumbered(point, &place)).collect();
+    let warnings = if left_out > 0 { vec![warning] } else { Vec::new() };
+    Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
+}
+
+/// The file's content; cameras that were not registered are `None`.
+struct Bundle {
+    cameras: Vec<Option<BundleCamera>>,
+    points: Vec<SparsePoint>,
+}
+
+struct BundleCamera {
+    focal: f64,
+    k: [f64; 2],
+    cam_from_world: Pose,
+}
+
+impl BundleCamera {
+    /// The principal point is the image's centre.
+    fn view(&self, folder: &Path, name: &str) -> Result<View, IoError> {
+        let size = image::stored_size(&folder.join(name))?;
+        let Size { width, height } = size;
+        let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
+        let intrinsics = Intrinsics { fx: self.focal, fy: self.focal, cx, cy };
+        let lens = Lens::Rational { k: [self.k[0], self.k[1], 0.0, 0.0, 0.0, 0.0], p: [0.0; 2] };
+        let lens = if lens.bends() { lens } else { Lens::None };
+        let camera = Camera { size, intrinsics, lens };
+        let cam_from_world = self.cam_from_world;
+        Ok(View { id: 0, name: name.to_owned(), camera, cam_from_world, depth_range: None })
+    }
+}
+
+fn list_of(bundle: &Path) -> Result<PathBuf, IoError> {
+    let name = bundle.file_name().unwrap_or_default().to_string_lossy();
+    let stem = name.strip_suffix(".bundle.out").or(name.strip_suffix(".out")).unwrap_or(&name);
+    let beside = |list: &str| bundle.with_file_name(list);
+    let above = |list: &str| bundle.parent().unwrap_or(Path::new("")).join("..").join(list);
+    let own = format!("{stem}.list.txt");
+    let candidates = [beside(&own), beside("list.txt"), above(&own), above("list.txt")];
+    candidates.into_iter().find(|list| list.is_file()).ok_or_else(|| {
+        let problem =
+            format!("expected its list of images {own} or list.txt beside it or in the folder above");
+        IoError::malformed(bundle, Place::Whole, problem)
+    })
+}
+
+/// The names of a list; a line may go on with Bundler's `0 focal`.
+fn read_list(path: &Path) -> Result<Vec<String>, IoError> {
+    let text = fs::read_to_string(path).map_err(IoError::system("read", path))?;
+    let name = |line: &str| {
+        let mut parts = line.rsplitn(3, char::is_whitespace);
+        let mut number = || parts.next().is_some_and(|part| part.parse::<f64>().is_ok());
+        let numbers = number() && number();
+        parts.next().filter(|_| numbers).unwrap_or(line).trim().to_owned()
+    };
+    Ok(text.lines().map(str::trim).filter(|line| !line.is_empty()).map(name).collect())
+}
+
+fn read_bundle(path: &Path, listed: usize) -> Result<Bundle, IoError> {
+    let mut reader = TextReader::open(path)?;
+    let header = reader.next_line()?;
+    if let Some(line) = header.filter(|line| line.text.trim() != "# Bundle file v0.3") {
+        let found: String = line.text.chars().take(40).collect();
+        return Err(line.unsupported(format!("expected \"# Bundle file v0.3\", found {found:?}")));
+    }
+    let mut words = WordReader::new(reader);
+    let (cameras, points): (usize, usize) =
+        (words.number("number of cameras")?, words.number("number of points")?);
+    if cameras != listed {
+        return Err(words.malformed(format!("{cameras} cameras, but the list of images has {listed}")));
+    }
+    let cameras = (0..cameras).map(|_| read_camera(&mut words)).collect::<Result<_, _>>()?;
+    let points = (0..points).map(|_| read_point(&mut words, listed));
+    Ok(Bundle { cameras, points: points.collect::<Result<_, _>>()? })
+}
+
+fn read_camera(words: &mut WordReader) -> Result<Option<BundleCamera>, IoError> {
+    let [focal, k1, k2] = words.numbers("focal length and distortion")?;
+    let rotation = Matrix3::from_row_slice(&words.numbers::<9>("rotation")?);
+    let translation = Vector3::from(words.numbers::<3>("translation")?);
+    if focal == 0.0 {
+        return Ok(None);
+    }
+    if !(focal > 0.0 && [focal, k1, k2].iter().all(|value| value.is_finite())) {
+        let problem = format!("expected a focal length and distortions, found {focal} {k1} {k2}");
+        return Err(words.malformed(problem));
+    }
+    let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+    let cam_from_world =
+        Pose::try_new(flip * rotation, flip * translation).map_err(|error| words.malformed(error))?;
+    Ok(Some(BundleCamera { focal, k: [k1, k2], cam_from_world }))
+}
+
+/// A point with the cameras that saw it, by their places in the file.
+fn read_point(words: &mut WordReader, cameras: usize) -> Result<SparsePoint, IoError> {
+    let position: [f64; 3] = words.numbers("position")?;
+    words.numbers::<3>("colour")?;
+    if !position.iter().all(|value| value.is_finite()) {
+        return Err(words.malformed(format!("expected a finite position, found {position:?}")));
+    }
+    let mut views = Vec::new();
+    for _ in 0..words.number::<usize>("length of the view list")? {
+        let camera: usize = words.number("camera of the view list")?;
+        if camera >= cameras {
+            return Err(
+                words.malformed(format!("view list: expected a camera below {cameras}, found {camera}"))
+            );
+        }
+        views.push(camera);
+        words.numbers::<3>("keypoint")?;
+    }
+    Ok(SparsePoint { x_in_world: position.into(), views })
+}
+
+/// For each camera of the file, its place among the registered ones.
+fn registered_places(cameras: &[Option<BundleCamera>]) -> Vec<Option<usize>> {
+    let mut next = 0;
+    let place = |camera: &Option<BundleCamera>| {
+        camera.as_ref().map(|_| {
+            next += 1;
+            next - 1
+        })
+    };
+    cameras.iter().map(place).collect()
+}
+
+fn renumbered(point: SparsePoint, place: &[Option<usize>]) -> SparsePoint {
+    SparsePoint { views: point.views.iter().filter_map(|&camera| place[camera]).collect(), ..point }
+}

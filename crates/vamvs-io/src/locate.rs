@@ -1,0 +1,204 @@
+//! The photographs that a scene's file names by paths: where they are, and the folder they have in common.
+
+use std::collections::BTreeMap;
+use std::path::{Component, Path, PathBuf};
+
+use vamvs_core::{Scene, SparsePoint, View};
+
+use crate::{IoError, Place, folder};
+
+/// Photographs that were found.
+#[derive(Debug)]
+pub(crate) struct Located {
+    /// The folder that the names are relative to.
+    pub(crate) folder: PathBuf,
+    /// For each photograph its path in the folder, with `/` between folders.
+    pub(crate) names: Vec<String>,
+}
+
+/// Finds the photographs that the scene file `file` names, with or without their extension.
+///
+/// In `images`, if that is given, each under its whole path or else under the last part of it; without
+/// `images` their paths are relative to the file's folder.
+pub(crate) fn locate(file: &Path, named: &[String], images: Option<&Path>) -> Result<Located, IoError> {
+    let beside = file.parent().unwrap_or(Path::new(""));
+    let find = |name: &String| match images {
+        Some(images) => find_inside(images, name),
+        None => with_extension(beside.join(slashes(name))),
+    };
+    let found: Vec<Option<PathBuf>> = named.iter().map(find).collect();
+    let missing = named.iter().zip(&found).filter(|(_, path)| path.is_none());
+    let missing: Vec<&str> = missing.map(|(name, _)| name.as_str()).collect();
+    folder::missing_images(images.unwrap_or(beside), &missing)?;
+    let paths: Vec<PathBuf> = found.into_iter().flatten().map(|path| normalised(&path)).collect();
+    let common = match images {
+        Some(images) => normalised(images),
+        None => common_folder(&paths),
+    };
+    let names: Vec<String> = paths.iter().filter_map(|path| name_in(&common, path)).collect();
+    check(file, named, &names)?;
+    Ok(Located { folder: common, names })
+}
+
+/// A scene of views that are in the order of a file: sorted by name, with the order as their numbers.
+///
+/// `points` see the views by their places in the file.
+pub(crate) fn sorted_by_name(views: Vec<View>, points: Vec<SparsePoint>) -> Scene {
+    let mut order: Vec<usize> = (0..views.len()).collect();
+    order.sort_by(|&a, &b| views[a].name.cmp(&views[b].name));
+    let mut place = vec![0; views.len()];
+    order.iter().enumerate().for_each(|(sorted, &view)| place[view] = sorted);
+    let renumbered = |mut point: SparsePoint| {
+        point.views.iter_mut().for_each(|view| *view = place[*view]);
+        point.views.sort_unstable();
+        point.views.dedup();
+        point
+    };
+    let points = points.into_iter().map(renumbered).collect();
+    let mut views: Vec<(usize, View)> = place.iter().copied().zip(views).collect();
+    views.sort_by_key(|(sorted, _)| *sorted);
+    let numbered = |(id, view): (usize, View)| View { id: id as u32, ..view };
+    Scene { views: views.into_iter().map(numbered).collect(), points, pairs: None }
+}
+
+/// Paths as Windows programs write them have backslashes.
+fn slashes(name: &str) -> String {
+    name.replace('\\', "/")
+}
+
+fn find_inside(images: &Path, name: &str) -> Option<PathBuf> {
+    let name = slashes(name);
+    let whole = name.trim_start_matches("./");
+    let last = Path::new(whole).file_name()?.to_str()?;
+    let candidates = [whole, last].into_iter().filter(|name| folder::is_inside(name));
+    candidates.map(|name| images.join(name)).find_map(with_extension)
+}
+
+/// The file of this path, or of this path with the extension of an image.
+fn with_extension(path: PathBuf) -> Option<PathBuf> {
+    if path.is_file() {
+        return Some(path);
+    }
+    let name = path.file_name()?.to_str()?;
+    let upper = |extension: &str| extension.to_uppercase();
+    let extensions =
+        folder::EXTENSIONS.iter().flat_map(|extension| [(*extension).to_owned(), upper(extension)]);
+    extensions.map(|extension| path.with_file_name(format!("{name}.{extension}"))).find(|path| path.is_file())
+}
+
+/// The path without `.` and `..`, as it is written: links are not followed.
+fn normalised(path: &Path) -> PathBuf {
+    let mut normal = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::CurDir => {}
+            Component::ParentDir if matches!(normal.components().next_back(), Some(Component::Normal(_))) => {
+                normal.pop();
+            }
+            part => normal.push(part),
+        }
+    }
+    normal
+}
+
+/// The deepest folder that holds all files.
+fn common_folder(files: &[PathBuf]) -> PathBuf {
+    let mut folders = files.iter().filter_map(|file| file.parent());
+    let Some(first) = folders.next() else { return PathBuf::new() };
+    let shared = |a: &Path, b: &Path| a.components().zip(b.components()).take_while(|(a, b)| a == b).count();
+    let depth = folders.map(|folder| shared(first, folder)).min();
+    first.components().take(depth.unwrap_or(usize::MAX)).collect()
+}
+
+fn name_in(folder: &Path, file: &Path) -> Option<String> {
+    let parts: Option<Vec<&str>> =
+        file.strip_prefix(folder).ok()?.components().map(|part| part.as_os_str().to_str()).collect();
+    Some(parts?.join("/"))
+}
+
+/// Refuses photographs that are named twice or have names that are not UTF-8.
+fn check(file: &Path, named: &[String], names: &[String]) -> Result<(), IoError> {
+    if names.len() != named.len() {
+        let problem = "expected the photographs' paths in UTF-8 and in one folder, found others";
+        return Err(IoError::unsupported(file, Place::Whole, problem));
+    }
+    let mut seen = BTreeMap::new();
+    for (name, path) in names.iter().zip(named) {
+        if let Some(other) = seen.insert(name, path) {
+            let problem = format!("the photograph {name} is named twice, as {other:?} and {path:?}");
+            return Err(IoError::malformed(file, Place::Whole, problem));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder_of(names: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for name in names {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            crate::atomic::write(&path, |_| Ok(())).unwrap();
+        }
+        folder
+    }
+
+    fn owned(names: &[&str]) -> Vec<String> {
+        names.iter().map(|&name| name.to_owned()).collect()
+    }
+
+    #[test]
+    fn names_are_relative_to_the_folder_that_all_have_in_common() {
+        let scene = folder_of(&["run/images/a/1.jpg", "run/images/b/2.PNG", "run/x/scene.json"]);
+        let file = scene.path().join("run/x/scene.json");
+        let absolute = scene.path().join("run/images/b/2.PNG").to_str().unwrap().to_owned();
+        let mut named = owned(&["../images/./a/1.jpg"]);
+        named.push(absolute);
+        let found = locate(&file, &named, None).unwrap();
+        assert_eq!(found.folder, scene.path().join("run/images"));
+        assert_eq!(found.names, ["a/1.jpg", "b/2.PNG"]);
+        let one = locate(&file, &owned(&["..\\images\\a\\1"]), None).unwrap();
+        assert_eq!((one.folder, one.names), (scene.path().join("run/images/a"), owned(&["1.jpg"])));
+    }
+
+    #[test]
+    fn a_folder_of_images_wins_and_the_last_part_of_a_path_suffices() {
+        let scene = folder_of(&["photos/a/1.jpg", "photos/2.jpg"]);
+        let named = owned(&["./a/1.jpg", "C:\\old\\2.jpg"]);
+        let photos = scene.path().join("photos");
+        let found = locate(Path::new("elsewhere/list"), &named, Some(&photos)).unwrap();
+        assert_eq!((found.folder, found.names), (photos, owned(&["a/1.jpg", "2.jpg"])));
+    }
+
+    #[test]
+    fn missing_and_repeated_photographs_are_named() {
+        let scene = folder_of(&["1.jpg", "list"]);
+        let error =
+            |named: &[&str]| locate(&scene.path().join("list"), &owned(named), None).unwrap_err().to_string();
+        assert!(error(&["1.jpg", "9.jpg"]).contains("9.jpg"));
+        assert!(error(&["1.jpg", "./1"]).contains("named twice"));
+    }
+
+    #[test]
+    fn sorting_by_name_moves_the_tracks_along() {
+        let view = |name: &str| View {
+            id: 7,
+            name: name.to_owned(),
+            camera: vamvs_core::Pinhole {
+                size: vamvs_core::Size::new(1, 1),
+                intrinsics: vamvs_core::Intrinsics { fx: 1.0, fy: 1.0, cx: 0.5, cy: 0.5 },
+            }
+            .into(),
+            cam_from_world: vamvs_core::Pose::identity(),
+            depth_range: None,
+        };
+        let point = SparsePoint { x_in_world: nalgebra::Vector3::zeros(), views: vec![0, 2, 0] };
+        let scene = sorted_by_name(vec![view("c"), view("a"), view("b")], vec![point]);
+        let names: Vec<_> = scene.views.iter().map(|view| (view.id, view.name.as_str())).collect();
+        assert_eq!(names, [(0, "a"), (1, "b"), (2, "c")]);
+        assert_eq!(scene.points[0].views, [1, 2]);
+    }
+}

@@ -1,0 +1,234 @@
+//! nerfstudio's `transforms.json`, also as instant-ngp and the NeRF data sets write it.
+//!
+//! Cameras are global or per frame: `fl_x fl_y cx cy w h`, or `camera_angle_x`; a perspective camera with
+//! `k1 k2 k3 p1 p2`, or a fisheye with `k1 … k4`. Sizes that are missing are those of the image files. A
+//! `transform_matrix` is world from camera in OpenGL's axes (x right, y up, z backwards).
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Matrix3, Vector3};
+use serde_json::{Map, Value};
+use vamvs_core::{Camera, Intrinsics, Lens, Pose, Scene, Size, SparsePoint, View};
+
+use crate::locate::{Located, locate, sorted_by_name};
+use crate::masks::Masks;
+use crate::{IoError, Loaded, Place, image, ply};
+
+/// Longest side of an image, in pixels, that is taken for one.
+const LONGEST_SIDE: f64 = (1 << 20) as f64;
+
+/// Sparse points that are kept of a file that may hold a laser scan.
+const MOST_POINTS: usize = 20_000;
+
+/// Reads the scene of `transforms`, the file or the folder of a `transforms.json`.
+///
+/// Photographs and masks are found relative to the file; with `images`, photographs are found there. The
+/// points of `ply_file_path` come without the views that saw them, and are taken as seen by every view in
+/// whose image they lie.
+///
+/// # Errors
+/// If the file cannot be read, a field is missing or of the wrong kind, a camera model is not supported,
+/// a pose is none, or photographs are missing.
+pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
+    let path = if transforms.is_dir() { transforms.join("transforms.json") } else { transforms.to_owned() };
+    let shared = read_object(&path)?;
+    let frames = frames(&path, &shared)?;
+    let named: Vec<String> = frames.iter().map(Fields::file_path).collect::<Result<_, _>>()?;
+    let Located { folder, names } = locate(&path, &named, images)?;
+    let views = frames.iter().zip(&names).map(|(frame, name)| view(frame, &folder, name));
+    let views: Vec<View> = views.collect::<Result<_, _>>()?;
+    let masks = masks(&path, &frames, &names)?;
+    let mut scene = sorted_by_name(views, Vec::new());
+    let mut warnings = Vec::new();
+    if let Some(points) = sparse_points(&path, &shared, &scene)? {
+        warnings.push(format!(
+            "{}: which views see its points is not told; each counts as seen wherever it lies in the image",
+            points.0.display()
+        ));
+        scene.points = points.1;
+    }
+    Ok(Loaded { scene, images: folder, masks, warnings })
+}
+
+/// The fields of a frame, and those that all frames share.
+struct Fields<'a> {
+    path: &'a Path,
+    /// The frame, for messages.
+    what: String,
+    own: &'a Map<String, Value>,
+    shared: &'a Map<String, Value>,
+}
+
+impl Fields<'_> {
+    fn get(&self, key: &str) -> Option<&Value> {
+        self.own.get(key).or_else(|| self.shared.get(key)).filter(|value| !value.is_null())
+    }
+
+    fn number(&self, key: &str) -> Result<Option<f64>, IoError> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        let number = value.as_f64().filter(|number| number.is_finite());
+        number.map(Some).ok_or_else(|| self.wrong(key, "a number", value))
+    }
+
+    fn number_or_zero(&self, key: &str) -> Result<f64, IoError> {
+        Ok(self.number(key)?.unwrap_or(0.0))
+    }
+
+    fn text(&self, key: &str) -> Result<Option<&str>, IoError> {
+        let Some(value) = self.get(key) else { return Ok(None) };
+        value.as_str().map(Some).ok_or_else(|| self.wrong(key, "a string", value))
+    }
+
+    fn file_path(&self) -> Result<String, IoError> {
+        let path = self.text("file_path")?.filter(|path| !path.is_empty());
+        path.map(str::to_owned).ok_or_else(|| self.malformed("expected a file_path, found none"))
+    }
+
+    fn wrong(&self, key: &str, expected: &str, found: &Value) -> IoError {
+        let found: String = found.to_string().chars().take(60).collect();
+        self.malformed(&format!("{key}: expected {expected}, found {found}"))
+    }
+
+    fn malformed(&self, problem: &str) -> IoError {
+        IoError::malformed(self.path, Place::Whole, format!("{}: {problem}", self.what))
+    }
+
+    fn unsupported(&self, problem: &str) -> IoError {
+        IoError::unsupported(self.path, Place::Whole, format!("{}: {problem}", self.what))
+    }
+}
+
+fn read_object(path: &Path) -> Result<Map<String, Value>, IoError> {
+    let text = std::fs::read(path).map_err(IoError::system("open", path))?;
+    serde_json::from_slice(&text).map_err(|error| IoError::malformed(path, Place::Line(error.line()), error))
+}
+
+fn frames<'a>(path: &'a Path, shared: &'a Map<String, Value>) -> Result<Vec<Fields<'a>>, IoError> {
+    let malformed = |problem: String| IoError::malformed(path, Place::Whole, problem);
+    let list = shared.get("frames").and_then(Value::as_array).filter(|frames| !frames.is_empty());
+    let list = list.ok_or_else(|| malformed("expected a list of frames, found none".to_owned()))?;
+    let fields = |(index, frame): (usize, &'a Value)| {
+        let own = frame.as_object().ok_or_else(|| malformed(format!("frame {index}: expected an object")))?;
+        let name = own.get("file_path").and_then(Value::as_str).unwrap_or("no file_path");
+        Ok(Fields { path, what: format!("frame {index} ({name})"), own, shared })
+    };
+    list.iter().enumerate().map(fields).collect()
+}
+
+fn view(frame: &Fields, folder: &Path, name: &str) -> Result<View, IoError> {
+    let size = size(frame, &folder.join(name))?;
+    let camera = Camera { size, intrinsics: intrinsics(frame, size)?, lens: lens(frame)? };
+    Ok(View { id: 0, name: name.to_owned(), camera, cam_from_world: pose(frame)?, depth_range: None })
+}
+
+fn size(frame: &Fields, photograph: &Path) -> Result<Size, IoError> {
+    let (Some(width), Some(height)) = (frame.number("w")?, frame.number("h")?) else {
+        return image::stored_size(photograph);
+    };
+    let side = |side: f64| (1.0..=LONGEST_SIDE).contains(&side) && side.fract() == 0.0;
+    if side(width) && side(height) {
+        return Ok(Size::new(width as usize, height as usize));
+    }
+    Err(frame.malformed(&format!("w and h: expected the image's size in pixels, found {width}×{height}")))
+}
+
+fn intrinsics(frame: &Fields, size: Size) -> Result<Intrinsics, IoError> {
+    let (width, height) = (size.width as f64, size.height as f64);
+    let focal = |length: &str, angle: &str, side: f64| -> Result<Option<f64>, IoError> {
+        let of_angle = |angle: f64| 0.5 * side / (0.5 * angle).tan();
+        Ok(frame.number(length)?.or(frame.number(angle)?.map(of_angle)))
+    };
+    let fx = focal("fl_x", "camera_angle_x", width)?
+        .ok_or_else(|| frame.malformed("expected fl_x or camera_angle_x, found neither"))?;
+    let fy = focal("fl_y", "camera_angle_y", height)?.unwrap_or(fx);
+    let cx = frame.number("cx")?.unwrap_or(0.5 * width);
+    let cy = frame.number("cy")?.unwrap_or(0.5 * height);
+    Intrinsics::try_new(fx, fy, cx, cy).map_err(|error| frame.malformed(&error.to_string()))
+}
+
+fn lens(frame: &Fields) -> Result<Lens, IoError> {
+    let is_fisheye = frame.get("is_fisheye").and_then(Value::as_bool).unwrap_or(false);
+    let model = frame.text("camera_model")?.unwrap_or(if is_fisheye { "OPENCV_FISHEYE" } else { "OPENCV" });
+    let number = |key| frame.number_or_zero(key);
+    let (k, p) =
+        ([number("k1")?, number("k2")?, number("k3")?, number("k4")?], [number("p1")?, number("p2")?]);
+    let lens = match model {
+        "OPENCV_FISHEYE" if p == [0.0; 2] => Lens::Fisheye { k },
+        "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" if k[3] == 0.0 => {
+            Lens::Rational { k: [k[0], k[1], k[2], 0.0, 0.0, 0.0], p }
+        }
+        _ => {
+            return Err(frame.unsupported(&format!(
+                "expected a perspective camera with k1 k2 k3 p1 p2, or OPENCV_FISHEYE with k1 to k4, found {model} with k {k:?}, p {p:?}; undistort the images"
+            )));
+        }
+    };
+    Ok(if lens.bends() { lens } else { Lens::None })
+}
+
+/// The pose: OpenGL's camera looks along −z with y up, ours along z with y down.
+fn pose(frame: &Fields) -> Result<Pose, IoError> {
+    let problem = |problem: &str| frame.malformed(&format!("transform_matrix: {problem}"));
+    let value = frame.own.get("transform_matrix");
+    let rows = value.and_then(matrix_rows).ok_or_else(|| problem("expected 3 or 4 rows of 4 numbers"))?;
+    let world_from_gl = Matrix3::from_fn(|row, column| rows[row][column]);
+    let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+    let centre = Vector3::from_fn(|row, _| rows[row][3]);
+    let world_from_cam = Pose::try_new(world_from_gl * flip, centre);
+    Ok(world_from_cam.map_err(|error| problem(&error.to_string()))?.inverse())
+}
+
+/// The first three rows of a 3×4 or 4×4 matrix.
+fn matrix_rows(value: &Value) -> Option<[[f64; 4]; 3]> {
+    let rows = value.as_array().filter(|rows| (3..=4).contains(&rows.len()))?;
+    let mut matrix = [[0.0; 4]; 3];
+    for (to, row) in matrix.iter_mut().zip(rows) {
+        let row = row.as_array().filter(|row| row.len() == 4)?;
+        for (to, value) in to.iter_mut().zip(row) {
+            *to = value.as_f64()?;
+        }
+    }
+    Some(matrix)
+}
+
+fn masks(path: &Path, frames: &[Fields], names: &[String]) -> Result<Masks, IoError> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut files = BTreeMap::new();
+    for (frame, name) in frames.iter().zip(names) {
+        let Some(mask) = frame.text("mask_path")? else { continue };
+        let mask = folder.join(mask.replace('\\', "/"));
+        if !mask.is_file() {
+            return Err(frame.malformed(&format!("mask_path: {} is no file", mask.display())));
+        }
+        files.insert(name.clone(), mask);
+    }
+    Ok(if files.is_empty() { Masks::None } else { Masks::Files(files) })
+}
+
+/// The points of the file that `ply_file_path` names, if there is one, and that file.
+fn sparse_points(
+    path: &Path,
+    shared: &Map<String, Value>,
+    scene: &Scene,
+) -> Result<Option<(PathBuf, Vec<SparsePoint>)>, IoError> {
+    let Some(named) = shared.get("ply_file_path").and_then(Value::as_str) else { return Ok(None) };
+    let file = path.parent().unwrap_or(Path::new("")).join(named.replace('\\', "/"));
+    if !file.is_file() {
+        return Ok(None);
+    }
+    let cloud = ply::read(&file)?;
+    let step = cloud.len().div_ceil(MOST_POINTS).max(1);
+    let seen = |x_in_world: Vector3<f64>| {
+        let views = (0..scene.views.len()).filter(|&view| lies_in(&scene.views[view], &x_in_world)).collect();
+        SparsePoint { x_in_world, views }
+    };
+    let points = cloud.iter().step_by(step).map(|point| seen(point.x_in_world.into()));
+    Ok(Some((file, points.filter(|point| !point.views.is_empty()).collect())))
+}
+
+fn lies_in(view: &View, x_in_world: &Vector3<f64>) -> bool {
+    let Size { width, height } = view.camera.size;
+    let pixel = view.camera.project(&view.cam_from_world.transform(x_in_world));
+    pixel.is_some_and(|p| (0.0..width as f64).contains(&p.x) && (0.0..height as f64).contains(&p.y))
+}

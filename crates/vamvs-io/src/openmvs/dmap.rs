@@ -1,0 +1,58 @@
+//! A depth map: `DR`, what it holds, sizes and range; the image's name, the views, K, R and the centre in
+//! 64 bits; depth, normals and confidence in 32 bits, row by row.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use vamvs_core::{DepthMap, Grid, depth_map};
+
+use super::{calibration, f32_bytes, f64_bytes, rotation_and_centre};
+use crate::{IoError, atomic};
+
+/// Depth, normals and confidence are there; the fourth, views of each pixel, is not.
+const CONTENT: u8 = 1 | 2 | 4;
+
+/// What a depth map's file holds. The image has the depth map's size.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthMapFile<'a> {
+    /// Depth and confidence, with their camera.
+    pub map: &'a DepthMap,
+    /// Normals in the camera's frame; 0 where there is no depth.
+    pub normals: &'a Grid<[f32; 3]>,
+    /// The image's file, relative to the depth map's folder.
+    pub image: &'a str,
+    /// The view's number in the scene and those of its neighbours.
+    pub views: &'a [u32],
+}
+
+/// Writes a depth map.
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+pub fn write_depth_map(path: &Path, file: &DepthMapFile) -> Result<(), IoError> {
+    let DepthMap { camera, cam_from_world, depth, confidence, .. } = file.map;
+    let (rotation, centre) = rotation_and_centre(cam_from_world);
+    atomic::write(path, |out| {
+        write_header(out, file)?;
+        out.write_all(&f64_bytes(&calibration(&camera.intrinsics)))?;
+        out.write_all(&f64_bytes(&rotation))?;
+        out.write_all(&f64_bytes(&centre))?;
+        out.write_all(&f32_bytes(depth.data()))?;
+        out.write_all(&f32_bytes(file.normals.data().as_flattened()))?;
+        out.write_all(&f32_bytes(confidence.data()))
+    })
+}
+
+fn write_header(out: &mut dyn Write, file: &DepthMapFile) -> io::Result<()> {
+    let depth = &file.map.depth;
+    let [width, height] = [depth.width(), depth.height()].map(|side| (side as u32).to_le_bytes());
+    out.write_all(&[b'D', b'R', CONTENT, 0])?;
+    out.write_all(&[width, height, width, height].concat())?;
+    let valid = || depth.data().iter().copied().filter(|&depth| depth_map::is_valid(depth));
+    let (near, far) = (valid().reduce(f32::min), valid().reduce(f32::max));
+    out.write_all(&f32_bytes(&[near.unwrap_or(0.0), far.unwrap_or(0.0)]))?;
+    out.write_all(&(file.image.len() as u16).to_le_bytes())?;
+    out.write_all(file.image.as_bytes())?;
+    out.write_all(&(file.views.len() as u32).to_le_bytes())?;
+    file.views.iter().try_for_each(|view| out.write_all(&view.to_le_bytes()))
+}

@@ -1,0 +1,285 @@
+//! The scene file `.mvs`: `MVSI`, a version, then lists with their lengths (u64) before them: platforms with
+//! cameras and poses, images, points with the images that see them, normals, colours, and, from version 1 on,
+//! lines and a transform.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use nalgebra::{Matrix3, Vector3};
+use vamvs_core::{Camera, CloudPoint, Intrinsics, Lens, Pinhole, Pose, Size, SparsePoint, View};
+
+use super::{calibration, f32_bytes, f64_bytes, rotation_and_centre};
+use crate::bytes::ByteReader;
+use crate::locate::{Located, locate, sorted_by_name};
+use crate::masks::Masks;
+use crate::{IoError, Loaded, Place, atomic, image};
+
+/// The version that is written: the last without fields that we have nothing for.
+const VERSION: u32 = 3;
+
+/// The last version that is read.
+const LAST_VERSION: u32 = 7;
+
+/// The number of what there is not.
+const NONE: u32 = u32::MAX;
+
+/// A point with the views that see it.
+pub type SeenPoint = (CloudPoint, Vec<u32>);
+
+/// Reads a scene. Photographs are found in `images`, or relative to the file; they are undistorted ones.
+///
+/// # Errors
+/// If the file cannot be read or is malformed, is an archive of OpenMVS's own (saved with another archive
+/// type than `MVSI`), or photographs are missing.
+pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
+    let mut file = ByteReader::open(mvs)?;
+    if &file.take::<4>("kind of the file")? != b"MVSI" {
+        let problem = "expected an interface file that begins with \"MVSI\"; export one with OpenMVS's --archive-type -1";
+        return Err(file.unsupported(0, problem));
+    }
+    let version = file.u32("version")?;
+    file.u32("reserved")?;
+    if version > LAST_VERSION {
+        return Err(file.unsupported(4, format!("expected version {LAST_VERSION} or less, found {version}")));
+    }
+    let mut reader = SceneReader { file, version };
+    let platforms = reader.list(24, "platforms", SceneReader::platform)?;
+    let listed = reader.list(20, "images", SceneReader::image)?;
+    let posed: Vec<&MvsImage> = listed.iter().filter(|image| image.pose != NONE).collect();
+    let place = places(&listed);
+    let points = reader.list(20, "points", |reader| reader.point(&place))?;
+    if posed.is_empty() {
+        return Err(IoError::malformed(mvs, Place::Whole, "expected images with poses, found none"));
+    }
+    let named: Vec<String> = posed.iter().map(|image| image.name.clone()).collect();
+    let Located { folder, names } = locate(mvs, &named, images)?;
+    let view = |(image, name): (&&MvsImage, &String)| image.view(mvs, &platforms, (&folder, name));
+    let views = posed.iter().zip(&names).map(view).collect::<Result<_, _>>()?;
+    let left_out = listed.len() - posed.len();
+    let warning = format!("{left_out} of {} images have no pose and are left out", listed.len());
+    let warnings = if left_out > 0 { vec![warning] } else { Vec::new() };
+    Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
+}
+
+/// Writes a scene of undistorted views, the names of which are relative to the file, and of points.
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+pub fn write_scene(
+    path: &Path,
+    views: &[(String, Pinhole, Pose)],
+    points: &[SeenPoint],
+) -> Result<(), IoError> {
+    atomic::write(path, |out| {
+        out.write_all(b"MVSI")?;
+        out.write_all(&[VERSION.to_le_bytes(), [0; 4]].concat())?;
+        write_list(out, views, |out, (_, camera, pose)| write_platform(out, camera, pose))?;
+        write_count(out, views.len())?;
+        for (view, (name, ..)) in (0u32..).zip(views) {
+            write_text(out, name)?;
+            // Platform, camera, pose, and the image's own number.
+            out.write_all(&[view, 0, 0, view].map(u32::to_le_bytes).concat())?;
+        }
+        write_points(out, points)?;
+        // No lines, normals and colours of lines; the transform is the identity.
+        (0..3).try_for_each(|_| write_count(out, 0))?;
+        let identity: [f64; 16] = std::array::from_fn(|i| f64::from(u8::from(i % 5 == 0)));
+        out.write_all(&f64_bytes(&identity))
+    })
+}
+
+fn write_platform(out: &mut dyn Write, camera: &Pinhole, cam_from_world: &Pose) -> io::Result<()> {
+    let identity = rotation_and_centre(&Pose::identity());
+    write_text(out, "")?;
+    write_count(out, 1)?;
+    write_text(out, "")?;
+    out.write_all(&[camera.size.width, camera.size.height].map(|side| (side as u32).to_le_bytes()).concat())?;
+    out.write_all(&f64_bytes(&calibration(&camera.intrinsics)))?;
+    out.write_all(&[f64_bytes(&identity.0), f64_bytes(&identity.1)].concat())?;
+    let (rotation, centre) = rotation_and_centre(cam_from_world);
+    write_count(out, 1)?;
+    out.write_all(&[f64_bytes(&rotation), f64_bytes(&centre)].concat())
+}
+
+fn write_points(out: &mut dyn Write, points: &[SeenPoint]) -> io::Result<()> {
+    write_list(out, points, |out, (point, views)| {
+        out.write_all(&f32_bytes(&point.x_in_world.map(|value| value as f32)))?;
+        write_list(out, views, |out, view| {
+            out.write_all(&[view.to_le_bytes(), point.confidence.to_le_bytes()].concat())
+        })
+    })?;
+    write_list(out, points, |out, (point, _)| out.write_all(&f32_bytes(&point.normal)))?;
+    write_list(out, points, |out, (point, _)| {
+        let [red, green, blue] = point.colour;
+        out.write_all(&[blue, green, red])
+    })
+}
+
+fn write_list<T>(
+    out: &mut dyn Write,
+    entries: &[T],
+    write_entry: impl Fn(&mut dyn Write, &T) -> io::Result<()>,
+) -> io::Result<()> {
+    write_count(out, entries.len())?;
+    entries.iter().try_for_each(|entry| write_entry(out, entry))
+}
+
+fn write_count(out: &mut dyn Write, count: usize) -> io::Result<()> {
+    out.write_all(&(count as u64).to_le_bytes())
+}
+
+fn write_text(out: &mut dyn Write, text: &str) -> io::Result<()> {
+    write_count(out, text.len())?;
+    out.write_all(text.as_bytes())
+}
+
+struct Platform {
+    cameras: Vec<MvsCamera>,
+    poses: Vec<Pose>,
+}
+
+struct MvsCamera {
+    /// `None`: K is in units of the image's longer side.
+    size: Option<Size>,
+    k: Matrix3<f64>,
+    cam_from_platform: Pose,
+}
+
+struct MvsImage {
+    name: String,
+    platform: u32,
+    camera: u32,
+    pose: u32,
+}
+
+impl MvsImage {
+    fn view(
+        &self,
+        mvs: &Path,
+        platforms: &[Platform],
+        (folder, name): (&Path, &str),
+    ) -> Result<View, IoError> {
+        let malformed =
+            |problem: String| IoError::malformed(mvs, Place::Whole, format!("image {name:?}: {problem}"));
+        let platform = platforms.get(self.platform as usize);
+        let camera = platform.and_then(|platform| platform.cameras.get(self.camera as usize));
+        let platform_from_world = platform.and_then(|platform| platform.poses.get(self.pose as usize));
+        let (Some(camera), Some(platform_from_world)) = (camera, platform_from_world) else {
+            return Err(malformed("its platform, camera or pose does not exist".to_owned()));
+        };
+        let stored = image::stored_size(&folder.join(name))?;
+        let size = camera.size.unwrap_or(stored);
+        let scale = if camera.size.is_some() { 1.0 } else { size.width.max(size.height) as f64 };
+        let intrinsics =
+            Intrinsics::try_from_matrix(&camera.k).map_err(|error| malformed(error.to_string()))?;
+        let intrinsics = intrinsics.scaled(scale, scale).cropped(-0.5, -0.5);
+        let camera_in_pixels = Camera { size, intrinsics, lens: Lens::None };
+        let cam_from_world = camera.cam_from_platform.compose(platform_from_world);
+        Ok(View { id: 0, name: name.to_owned(), camera: camera_in_pixels, cam_from_world, depth_range: None })
+    }
+}
+
+/// For each image of the file its place among those with a pose.
+fn places(images: &[MvsImage]) -> Vec<Option<usize>> {
+    let mut next = 0;
+    let place = |image: &MvsImage| {
+        (image.pose != NONE).then(|| {
+            next += 1;
+            next - 1
+        })
+    };
+    images.iter().map(place).collect()
+}
+
+struct SceneReader {
+    file: ByteReader,
+    version: u32,
+}
+
+impl SceneReader {
+    /// A list of entries of at least so many bytes each.
+    fn list<T>(
+        &mut self,
+        entry_bytes: u64,
+        what: &str,
+        mut entry: impl FnMut(&mut Self) -> Result<T, IoError>,
+    ) -> Result<Vec<T>, IoError> {
+        let count = self.file.count(entry_bytes, what)?;
+        (0..count).map(|_| entry(self)).collect()
+    }
+
+    fn text(&mut self, what: &str) -> Result<String, IoError> {
+        let position = self.file.position();
+        let bytes = self.list(1, what, |reader| Ok(reader.file.take::<1>(what)?[0]))?;
+        String::from_utf8(bytes).map_err(|_| self.file.malformed(position, format!("{what}: expected UTF-8")))
+    }
+
+    fn platform(&mut self) -> Result<Platform, IoError> {
+        self.text("platform name")?;
+        Ok(Platform {
+            cameras: self.list(8 + 21 * 8, "cameras", Self::camera)?,
+            poses: self.list(12 * 8, "poses", Self::pose)?,
+        })
+    }
+
+    fn camera(&mut self) -> Result<MvsCamera, IoError> {
+        self.text("camera name")?;
+        if self.version > 3 {
+            self.text("band name")?;
+        }
+        let mut size = None;
+        if self.version > 0 {
+            let (width, height) = (self.file.u32("image width")?, self.file.u32("image height")?);
+            size = (width > 0 && height > 0).then(|| Size::new(width as usize, height as usize));
+        }
+        let k = Matrix3::from_row_slice(&self.file.f64s::<9>("calibration")?);
+        Ok(MvsCamera { size, k, cam_from_platform: self.pose()? })
+    }
+
+    /// A rotation and a centre.
+    fn pose(&mut self) -> Result<Pose, IoError> {
+        let position = self.file.position();
+        let rotation = Matrix3::from_row_slice(&self.file.f64s::<9>("rotation")?);
+        let centre = Vector3::from(self.file.f64s::<3>("centre")?);
+        Pose::try_new(rotation, -(rotation * centre)).map_err(|error| self.file.malformed(position, error))
+    }
+
+    fn image(&mut self) -> Result<MvsImage, IoError> {
+        let name = self.text("image name")?;
+        if self.version > 4 {
+            self.text("mask name")?;
+        }
+        let [platform, camera, pose] = [
+            self.file.u32("image's platform")?,
+            self.file.u32("image's camera")?,
+            self.file.u32("image's pose")?,
+        ];
+        if self.version > 2 {
+            self.file.u32("image number")?;
+        }
+        if self.version > 6 {
+            self.file.take::<12>("depth range")?;
+            self.list(24, "view scores", |reader| reader.file.take::<24>("view score"))?;
+        }
+        Ok(MvsImage { name, platform, camera, pose })
+    }
+
+    fn point(&mut self, place: &[Option<usize>]) -> Result<SparsePoint, IoError> {
+        let position = self.file.position();
+        let bytes: [u8; 12] = self.file.take("point")?;
+        let coordinate = |i: usize| f64::from(f32::from_le_bytes(std::array::from_fn(|j| bytes[4 * i + j])));
+        let x_in_world = Vector3::from_fn(|i, _| coordinate(i));
+        if !x_in_world.iter().all(|value| value.is_finite()) {
+            return Err(self.file.malformed(position, "point: expected a finite position"));
+        }
+        let seen = self.list(8, "views of a point", |reader| {
+            let position = reader.file.position();
+            let image = reader.file.u32("view of a point")?;
+            reader.file.u32("confidence of a view")?;
+            let problem =
+                || format!("view of a point: expected an image below {}, found {image}", place.len());
+            place.get(image as usize).copied().ok_or_else(|| reader.file.malformed(position, problem()))
+        })?;
+        Ok(SparsePoint { x_in_world, views: seen.into_iter().flatten().collect() })
+    }
+}

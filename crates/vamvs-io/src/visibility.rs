@@ -1,0 +1,125 @@
+//! A view's visibility in all views: an 8-bit grey PNG of one tile of the image's size per view, from
+//! top to bottom in the order of views.
+//!
+//! Grey is 0 where the pixel has no surface, 85 where that is out of the other view, 170 where it is
+//! occluded there, 255 where the other view sees it.
+
+use std::path::Path;
+
+use ::image::DynamicImage;
+use vamvs_core::{Grid, Size, Visibility};
+
+use crate::{IoError, Place, image};
+
+/// Reads the tiles of an image of `size`, one a view.
+///
+/// # Errors
+/// If the file cannot be decoded, is no 8-bit grey image as wide as `size` and a multiple of its
+/// height, or has other grey values than the four.
+pub fn read(path: &Path, size: Size) -> Result<Vec<Grid<Visibility>>, IoError> {
+    let stacked = decode_grey(path)?;
+    if stacked.width() != size.width || !stacked.height().is_multiple_of(size.height) {
+        let problem = format!("expected tiles of {size} from top to bottom, found {}", stacked.size());
+        return Err(IoError::malformed(path, Place::Whole, problem));
+    }
+    let tile = |grey: &[u8]| grey.iter().map(|&grey| from_grey(path, grey)).collect::<Result<_, _>>();
+    let tiles = stacked.data().chunks_exact(size.area());
+    tiles.map(|grey| Ok(Grid::from_vec(size, tile(grey)?))).collect()
+}
+
+/// Writes the tiles of all views.
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+///
+/// # Panics
+/// If there are no tiles, or they are not all of one size.
+pub fn write(path: &Path, tiles: &[Grid<Visibility>]) -> Result<(), IoError> {
+    let size = tiles.first().expect("a scene has views").size();
+    assert!(tiles.iter().all(|tile| tile.size() == size), "tiles of one view have one size");
+    let grey = tiles.iter().flat_map(|tile| tile.data()).map(|&visibility| to_grey(visibility)).collect();
+    let stacked = Size::new(size.width, size.height * tiles.len());
+    image::save_png_gray8(path, &Grid::from_vec(stacked, grey))
+}
+
+fn decode_grey(path: &Path) -> Result<Grid<u8>, IoError> {
+    match image::decode(path)?.0 {
+        DynamicImage::ImageLuma8(grey) => {
+            let size = Size::new(grey.width() as usize, grey.height() as usize);
+            Ok(Grid::from_vec(size, grey.into_raw()))
+        }
+        other => {
+            let problem = format!("expected an 8-bit grey image, found {:?}", other.color());
+            Err(IoError::malformed(path, Place::Whole, problem))
+        }
+    }
+}
+
+fn to_grey(visibility: Visibility) -> u8 {
+    match visibility {
+        Visibility::None => 0,
+        Visibility::OutOfView => 85,
+        Visibility::Occluded => 170,
+        Visibility::Visible => 255,
+    }
+}
+
+fn from_grey(path: &Path, grey: u8) -> Result<Visibility, IoError> {
+    match grey {
+        0 => Ok(Visibility::None),
+        85 => Ok(Visibility::OutOfView),
+        170 => Ok(Visibility::Occluded),
+        255 => Ok(Visibility::Visible),
+        _ => {
+            let problem = format!("expected the grey values 0, 85, 170 and 255, found {grey}");
+            Err(IoError::malformed(path, Place::Whole, problem))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALL: [Visibility; 4] =
+        [Visibility::None, Visibility::OutOfView, Visibility::Occluded, Visibility::Visible];
+
+    fn tiles(size: Size, count: usize) -> Vec<Grid<Visibility>> {
+        (0..count).map(|tile| Grid::from_fn(size, |x, y| ALL[(x + 2 * y + 3 * tile) % 4])).collect()
+    }
+
+    #[test]
+    fn tiles_come_back_in_their_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("visibility.png");
+        let tiles = tiles(Size::new(5, 3), 4);
+        write(&path, &tiles).unwrap();
+        assert_eq!(image::stored_size(&path).unwrap(), Size::new(5, 12));
+        assert_eq!(read(&path, Size::new(5, 3)).unwrap(), tiles);
+        assert_eq!(decode_grey(&path).unwrap().row(3)[..2], [255, 0], "the second tile is below the first");
+    }
+
+    #[test]
+    fn tiles_of_another_size_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("visibility.png");
+        write(&path, &tiles(Size::new(5, 3), 2)).unwrap();
+        for size in [Size::new(4, 3), Size::new(5, 4)] {
+            let error = read(&path, size).unwrap_err().to_string();
+            assert!(error.contains(&size.to_string()) && error.contains("5×6"), "{error}");
+        }
+    }
+
+    #[test]
+    fn other_greys_and_other_images_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("visibility.png");
+        let size = Size::new(2, 1);
+        image::save_png_gray8(&path, &Grid::from_vec(size, vec![255, 84])).unwrap();
+        assert!(read(&path, size).unwrap_err().to_string().contains("found 84"));
+        image::save_png_gray16(&path, &Grid::filled(size, 255)).unwrap();
+        assert!(read(&path, size).unwrap_err().to_string().contains("8-bit grey"));
+        image::save_png_rgb(&path, &Grid::filled(size, [255; 3])).unwrap();
+        assert!(read(&path, size).unwrap_err().to_string().contains("8-bit grey"));
+    }
+}

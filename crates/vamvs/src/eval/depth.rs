@@ -1,0 +1,383 @@
+//! Depth maps of a scene against true ones, view by view.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use serde::Serialize;
+use vamvs_core::{DepthMap, Grid, Size, Visibility};
+use vamvs_eval::depth::{MapPair, PlaneUnit};
+use vamvs_eval::{DepthErrors, DepthSamples, PixelMap, Region, Threshold};
+use vamvs_fusion::MapSource;
+use vamvs_io::masks::Masks;
+use vamvs_io::{depth, visibility};
+
+use crate::{Event, Maps, OutputFolder, VamvsError};
+
+/// Poses that differ by more than this, as a share of a median depth or in radians, are of other cameras.
+const SAME_POSE: f64 = 0.01;
+
+/// Relative errors of interest.
+const RELATIVE: [f64; 4] = [0.002, 0.005, 0.01, 0.02];
+
+/// Errors of interest in plane distances: those of the paper (section 4.1).
+const PLANES: [f64; 2] = [1.0, 3.0];
+
+/// Errors of a region.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RegionErrors {
+    /// The region.
+    pub region: Region,
+    /// Its errors.
+    #[serde(flatten)]
+    pub errors: DepthErrors,
+}
+
+/// Errors of a view.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ViewErrors {
+    /// Its name.
+    pub view: String,
+    /// By region: all, and where visibility is known, the parts.
+    pub regions: Vec<RegionErrors>,
+}
+
+/// Errors of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SceneErrors {
+    /// View by view.
+    pub views: Vec<ViewErrors>,
+    /// Over the pixels of all views.
+    pub total: Vec<RegionErrors>,
+}
+
+/// The depth maps of a scene and the true ones of the same views.
+#[derive(Debug)]
+pub struct DepthScene {
+    prediction: Maps,
+    truth: Maps,
+    views: Vec<View>,
+}
+
+/// A view that has both depth maps.
+#[derive(Debug)]
+struct View {
+    /// Index into the prediction's maps.
+    predicted: usize,
+    /// Index into the true maps.
+    true_map: usize,
+    /// Source views, indices into the true maps.
+    sources: Vec<usize>,
+    plane: Option<PlaneUnit>,
+}
+
+/// A depth map and its truth, pixel by pixel.
+#[derive(Clone, Debug)]
+pub struct ComparedMap {
+    /// The depth map.
+    pub map: DepthMap,
+    /// The truth under its pixels' centres; 0 where there is none.
+    pub truth: Grid<f32>,
+    /// For each pixel whether all source views see its surface; `None` without visibility.
+    pub visible: Option<Grid<Option<bool>>>,
+}
+
+/// Thresholds that tell something of most scenes; errors in plane distances if those are known.
+#[must_use]
+pub fn default_thresholds(planes_known: bool) -> Vec<Threshold> {
+    let planes = if planes_known { &PLANES[..] } else { &[] };
+    RELATIVE
+        .map(Threshold::Relative)
+        .into_iter()
+        .chain(planes.iter().copied().map(Threshold::Planes))
+        .collect()
+}
+
+impl DepthScene {
+    /// The depth maps in `prediction` and the true ones in `truth`, folders in any layout of [`Maps`], of the
+    /// views of the same names.
+    ///
+    /// What a plane distance is comes from the records of `vamvs depth`, unless `plane_distance` tells it, in
+    /// scene units. Source views are those of the records, else of the truth's `pair.txt`, else all others.
+    ///
+    /// # Errors
+    /// If a folder has no depth maps, or they have no view in common.
+    pub fn open(
+        prediction: &Path,
+        truth: &Path,
+        plane_distance: Option<f64>,
+        on_event: &mut dyn FnMut(Event),
+    ) -> Result<Self, VamvsError> {
+        let prediction = Maps::open(prediction, Masks::None, on_event)?;
+        let truth = Maps::open(truth, Masks::None, on_event)?;
+        let records = OutputFolder::new(prediction.root());
+        let place = |name: &String| truth.names().iter().position(|other| other == name);
+        let view = |(predicted, name): (usize, &String)| {
+            let true_map = place(name)?;
+            let record = records.saved(name);
+            let planes = record.as_ref().and_then(|record| record.planes).map(PlaneUnit::Planes);
+            let recorded = record.iter().flat_map(|record| &record.sources).filter_map(place).collect();
+            let sources = sources(&truth, true_map, recorded);
+            Some(View {
+                predicted,
+                true_map,
+                sources,
+                plane: plane_distance.map(PlaneUnit::Distance).or(planes),
+            })
+        };
+        let views: Vec<View> = prediction.names().iter().enumerate().filter_map(view).collect();
+        let scene = Self { prediction, truth, views };
+        scene.check(on_event)?;
+        Ok(scene)
+    }
+
+    /// Warns of views that are left out; none at all is an error.
+    fn check(&self, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
+        let (both, predicted, truth) = (self.views.len(), self.prediction.len(), self.truth.len());
+        if both == 0 {
+            let problem = format!(
+                "expected depth maps of views that are in {} too, such as {}; found {}",
+                self.truth.root().display(),
+                self.truth.names()[0],
+                self.prediction.names()[0]
+            );
+            return Err(VamvsError::Folder { path: self.prediction.root().to_owned(), problem });
+        }
+        if both < predicted.max(truth) {
+            on_event(Event::Warning(format!(
+                "{both} views are compared: {} of {predicted} have no true depth, {} of {truth} no depth map",
+                predicted - both,
+                truth - both
+            )));
+        }
+        Ok(())
+    }
+
+    /// The depth maps that are judged.
+    #[must_use]
+    pub fn prediction(&self) -> &Maps {
+        &self.prediction
+    }
+
+    /// The true depth maps.
+    #[must_use]
+    pub fn truth(&self) -> &Maps {
+        &self.truth
+    }
+
+    /// Number of views that have both.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.views.len()
+    }
+
+    /// Never: a scene without views is not opened.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.views.is_empty()
+    }
+
+    /// The name of a view.
+    #[must_use]
+    pub fn name(&self, view: usize) -> &str {
+        &self.prediction.names()[self.views[view].predicted]
+    }
+
+    /// Whether it is known of all views what a plane distance is.
+    #[must_use]
+    pub fn knows_planes(&self) -> bool {
+        self.views.iter().all(|view| view.plane.is_some())
+    }
+
+    /// The errors of all views.
+    ///
+    /// # Errors
+    /// If a file cannot be read, maps do not fit, or thresholds ask for plane distances that are not known.
+    pub fn errors(&self, thresholds: &[Threshold]) -> Result<SceneErrors, VamvsError> {
+        if let Some(view) = self.views.iter().find(|view| view.plane.is_none()) {
+            refuse_planes(thresholds, &self.prediction.names()[view.predicted])?;
+        }
+        let samples: Vec<DepthSamples> =
+            (0..self.views.len()).into_par_iter().map(|view| self.samples(view)).collect::<Result<_, _>>()?;
+        let mut total = DepthSamples::default();
+        samples.iter().for_each(|of_view| total.append(of_view));
+        let view = |(view, samples): (usize, &DepthSamples)| ViewErrors {
+            view: self.name(view).to_owned(),
+            regions: regions(samples, thresholds),
+        };
+        let views = samples.iter().enumerate().map(view).collect();
+        Ok(SceneErrors { views, total: regions(&total, thresholds) })
+    }
+
+    fn samples(&self, view: usize) -> Result<DepthSamples, VamvsError> {
+        let compared = self.compared(view)?;
+        let pair = MapPair {
+            depth: &compared.map.depth,
+            truth: &compared.truth,
+            visible: compared.visible.as_ref(),
+            plane: self.views[view].plane,
+        };
+        let mut samples = DepthSamples::default();
+        samples
+            .add(&pair)
+            .map_err(|error| VamvsError::Request(error.to_string()).of_view(self.name(view)))?;
+        Ok(samples)
+    }
+
+    /// Reads a view's depth map and what the truth is under its pixels.
+    ///
+    /// # Errors
+    /// If a file cannot be read, or the two are of cameras in other places.
+    pub fn compared(&self, view: usize) -> Result<ComparedMap, VamvsError> {
+        let View { predicted, true_map, .. } = self.views[view];
+        let (map, truth) = (self.prediction.depth_map(predicted)?, self.truth.depth_map(true_map)?);
+        self.check_poses(view, &truth)?;
+        let pixels = PixelMap::between_cameras(&map.camera, &truth.camera);
+        let size = map.depth.size();
+        let visible = self.visible(view, truth.depth.size())?;
+        Ok(ComparedMap {
+            truth: pixels.sampled(&truth.depth, size),
+            visible: visible.map(|visible| pixels.sampled(&visible, size)),
+            map,
+        })
+    }
+
+    fn check_poses(&self, view: usize, truth: &DepthMap) -> Result<(), VamvsError> {
+        let pose = self.prediction.pose(self.views[view].predicted);
+        let moved = (pose.centre() - truth.cam_from_world.centre()).norm();
+        let turned = (pose.rotation - truth.cam_from_world.rotation).norm();
+        if moved <= SAME_POSE * median_depth(&truth.depth) && turned <= SAME_POSE {
+            return Ok(());
+        }
+        let problem = format!(
+            "expected depth and truth to be of the same camera, found cameras {moved:.4} apart and turned by {:.2}°",
+            (turned / 2f64.sqrt()).to_degrees()
+        );
+        Err(VamvsError::Request(problem).of_view(self.name(view)))
+    }
+
+    /// Whether all source views see the surface of each true pixel, if there are visibility masks.
+    fn visible(&self, view: usize, size: Size) -> Result<Option<Grid<Option<bool>>>, VamvsError> {
+        let path = self.truth.root().join("visibility").join(format!("{}.png", self.name(view)));
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let tiles = visibility::read(&path, size)?;
+        if tiles.len() != self.truth.len() {
+            let problem =
+                format!("expected a tile for each of the {} views, found {}", self.truth.len(), tiles.len());
+            return Err(VamvsError::Folder { path, problem });
+        }
+        let sources = &self.views[view].sources;
+        let at = |x, y| seen_by_all(sources.iter().map(|&source| tiles[source][(x, y)]));
+        Ok(Some(Grid::from_fn(size, at)))
+    }
+}
+
+/// Depth maps of single files, by their extensions; `png_step` is the depth of one step of a PNG.
+///
+/// # Errors
+/// If a file cannot be read, the maps are of different shapes, or thresholds ask for plane distances and
+/// `plane_distance` does not tell them.
+pub fn compare_files(
+    [prediction, truth]: [&Path; 2],
+    png_step: f64,
+    plane_distance: Option<f64>,
+    thresholds: &[Threshold],
+) -> Result<SceneErrors, VamvsError> {
+    let name = prediction.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let plane = plane_distance.map(PlaneUnit::Distance);
+    if plane.is_none() {
+        refuse_planes(thresholds, &name)?;
+    }
+    let (depth, truth) = (depth::read(prediction, png_step)?, depth::read(truth, png_step)?);
+    let refused =
+        |error: vamvs_eval::depth::SizeMismatch| VamvsError::Request(error.to_string()).of_view(&name);
+    let pixels = PixelMap::between_sizes(depth.size(), truth.size()).map_err(refused)?;
+    let truth = pixels.sampled(&truth, depth.size());
+    let mut samples = DepthSamples::default();
+    samples.add(&MapPair { depth: &depth, truth: &truth, visible: None, plane }).map_err(refused)?;
+    let total = regions(&samples, thresholds);
+    Ok(SceneErrors { views: vec![ViewErrors { view: name, regions: total.clone() }], total })
+}
+
+/// Scenes by name, each with its folder of depth maps and that of the truth: the two folders themselves, or
+/// their folders of the same names that hold depth maps.
+///
+/// # Errors
+/// If there are none.
+pub fn scenes(prediction: &Path, truth: &Path) -> Result<Vec<(String, [PathBuf; 2])>, VamvsError> {
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    if Maps::are_at(prediction) {
+        return Ok(vec![(name(truth), [prediction.to_owned(), truth.to_owned()])]);
+    }
+    let entries = std::fs::read_dir(prediction).into_iter().flatten().flatten();
+    let pair = |folder: PathBuf| (name(&folder), [folder.clone(), truth.join(name(&folder))]);
+    let mut scenes: Vec<_> = entries.map(|entry| pair(entry.path())).collect();
+    scenes.retain(|(_, folders)| folders.iter().all(|folder| Maps::are_at(folder)));
+    scenes.sort();
+    if scenes.is_empty() {
+        let problem = format!(
+            "expected depth maps as `vamvs depth` writes them, or folders with such, of the same names as those in {}",
+            truth.display()
+        );
+        return Err(VamvsError::Folder { path: prediction.to_owned(), problem });
+    }
+    Ok(scenes)
+}
+
+/// The means over scenes, region by region.
+#[must_use]
+pub fn mean_over_scenes(scenes: &[&SceneErrors]) -> Vec<RegionErrors> {
+    let of = |region: Region| {
+        let regions = scenes.iter().flat_map(|scene| &scene.total);
+        let errors: Vec<_> = regions.filter(|part| part.region == region).map(|part| &part.errors).collect();
+        Some(RegionErrors { region, errors: DepthErrors::mean_of(&errors)? })
+    };
+    [Region::All, Region::Invisible, Region::Visible].into_iter().filter_map(of).collect()
+}
+
+fn regions(samples: &DepthSamples, thresholds: &[Threshold]) -> Vec<RegionErrors> {
+    let parts = if samples.know_visibility() { &[Region::Invisible, Region::Visible][..] } else { &[] };
+    let errors = |&region| RegionErrors { region, errors: samples.errors(region, thresholds) };
+    std::iter::once(&Region::All).chain(parts).map(errors).collect()
+}
+
+fn refuse_planes(thresholds: &[Threshold], view: &str) -> Result<(), VamvsError> {
+    if !thresholds.iter().any(|threshold| matches!(threshold, Threshold::Planes(_))) {
+        return Ok(());
+    }
+    Err(VamvsError::Request(format!(
+        "errors in plane distances are asked for, but what one is is not known of view {view}: expected `planes` in depths/{view}.json, as `vamvs depth` writes it; or give it in scene units with --plane-distance"
+    )))
+}
+
+/// Source views of a true map: the recorded ones, else those of its pairs, else all others.
+fn sources(truth: &Maps, view: usize, recorded: Vec<usize>) -> Vec<usize> {
+    if !recorded.is_empty() {
+        return recorded;
+    }
+    match truth.pairs() {
+        Some(pairs) => pairs[view].clone(),
+        None => (0..truth.len()).filter(|&other| other != view).collect(),
+    }
+}
+
+/// Whether all see a surface; `None` if there is none.
+fn seen_by_all(tiles: impl Iterator<Item = Visibility>) -> Option<bool> {
+    let mut all = true;
+    for visibility in tiles {
+        match visibility {
+            Visibility::None => return None,
+            Visibility::Visible => {}
+            Visibility::OutOfView | Visibility::Occluded => all = false,
+        }
+    }
+    Some(all)
+}
+
+/// The median of the depths of a map; 0 of none.
+pub(super) fn median_depth(depth: &Grid<f32>) -> f64 {
+    let mut depths: Vec<f32> = depth.data().iter().copied().filter(|depth| *depth > 0.0).collect();
+    let middle = depths.len() / 2;
+    if depths.is_empty() { 0.0 } else { f64::from(*depths.select_nth_unstable_by(middle, f32::total_cmp).1) }
+}

@@ -1,0 +1,99 @@
+//! Everything of a scene against its true depth maps: depth, and the cloud against the true surface.
+
+use std::path::Path;
+
+use serde::Serialize;
+use vamvs_core::{Cloud, DepthMap};
+use vamvs_eval::surface::{TrueMap, seen_twice};
+use vamvs_eval::{CloudDistances, CloudErrors, Threshold, thin};
+use vamvs_fusion::MapSource;
+use vamvs_io::ply;
+
+use super::depth::{DepthScene, SceneErrors, median_depth};
+use crate::VamvsError;
+
+/// How near to the truth a point should be by default, as shares of the scene's median depth.
+const SHARES: [f64; 2] = [0.005, 0.01];
+
+/// A scene's measures.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SceneScores {
+    /// Of the depth maps.
+    pub depth: SceneErrors,
+    /// Of the cloud, if there is one.
+    pub cloud: Option<CloudErrors>,
+}
+
+/// A scene with all that its page shows.
+#[derive(Debug)]
+pub struct SceneEvaluation {
+    /// The depth maps.
+    pub maps: DepthScene,
+    /// What all comes to.
+    pub scores: SceneScores,
+    /// The cloud, if there is one.
+    pub cloud: Option<ComparedCloud>,
+}
+
+/// A cloud and the true surface.
+#[derive(Clone, Debug)]
+pub struct ComparedCloud {
+    /// The cloud.
+    pub cloud: Cloud,
+    /// Points of the true surface, evenly spread, where at least two views see it.
+    pub truth: Vec<[f64; 3]>,
+    /// The distances between them.
+    pub distances: CloudDistances,
+    /// Distances that are too large, scene units: the last one is the most that is near.
+    pub thresholds: Vec<f64>,
+}
+
+impl SceneEvaluation {
+    /// Compares depth maps, and the PLY file `cloud` if it is given. Without `cloud_thresholds` (ascending,
+    /// scene units) those are 0.5 and 1 % of the true depths' median.
+    ///
+    /// # Errors
+    /// If a file cannot be read or does not fit, or thresholds ask for plane distances that are not known.
+    pub fn new(
+        maps: DepthScene,
+        cloud: Option<&Path>,
+        depth_thresholds: &[Threshold],
+        cloud_thresholds: Option<&[f64]>,
+    ) -> Result<Self, VamvsError> {
+        let depth = maps.errors(depth_thresholds)?;
+        let compare = |cloud| ComparedCloud::new(cloud, &maps, cloud_thresholds);
+        let cloud = cloud.map(compare).transpose()?;
+        let errors = cloud.as_ref().map(|cloud| cloud.distances.errors(&cloud.thresholds));
+        Ok(Self { scores: SceneScores { depth, cloud: errors }, maps, cloud })
+    }
+}
+
+impl ComparedCloud {
+    fn new(cloud: &Path, maps: &DepthScene, thresholds: Option<&[f64]>) -> Result<Self, VamvsError> {
+        let cloud = ply::read(cloud)?;
+        let truth = maps.truth();
+        let truth: Vec<DepthMap> =
+            (0..truth.len()).map(|view| truth.depth_map(view)).collect::<Result<_, _>>()?;
+        let thresholds = thresholds.map_or_else(|| default_thresholds(&truth), <[f64]>::to_vec);
+        let widest = thresholds.last().copied().unwrap_or(0.0);
+        let truth = surface(&truth, 0.5 * widest)?;
+        let places: Vec<[f64; 3]> = cloud.iter().map(|point| point.x_in_world).collect();
+        let distances = CloudDistances::between(&places, &truth);
+        Ok(Self { cloud, truth, distances, thresholds })
+    }
+}
+
+fn default_thresholds(truth: &[DepthMap]) -> Vec<f64> {
+    let mut medians: Vec<f64> = truth.iter().map(|map| median_depth(&map.depth)).collect();
+    medians.sort_by(f64::total_cmp);
+    SHARES.map(|share| share * medians[medians.len() / 2]).to_vec()
+}
+
+/// Points of the surface, no two of them within `spacing`.
+fn surface(maps: &[DepthMap], spacing: f64) -> Result<Vec<[f64; 3]>, VamvsError> {
+    let maps: Vec<TrueMap> = maps
+        .iter()
+        .map(|map| TrueMap { camera: &map.camera, cam_from_world: &map.cam_from_world, depth: &map.depth })
+        .collect();
+    thin(&seen_twice(&maps, 1), spacing, 0).map_err(|error| VamvsError::Request(error.to_string()))
+}

@@ -1,0 +1,218 @@
+//! Depth maps on disk with their cameras and photographs, as fusion and export read them.
+
+mod layout;
+
+use std::path::{Path, PathBuf};
+
+use vamvs_core::view_selection;
+use vamvs_core::{Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Scene, Size, SparsePoint};
+use vamvs_fusion::{FusionView, MapSource};
+use vamvs_io::colmap::dense;
+use vamvs_io::masks::{self, Masks};
+use vamvs_io::ply::Coordinates;
+use vamvs_io::{image, pfm};
+
+use crate::output::names;
+use crate::{Event, VamvsError};
+use layout::Layout;
+
+/// Depth maps of the views of a scene.
+#[derive(Debug)]
+pub struct Maps {
+    root: PathBuf,
+    /// Whether the folder is one of ours.
+    own: bool,
+    scene: Scene,
+    cameras: Vec<Pinhole>,
+    names: Vec<String>,
+    files: Vec<MapFiles>,
+    masks: Masks,
+}
+
+/// The files of one view.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct MapFiles {
+    image: PathBuf,
+    depth: PathBuf,
+    confidence: Option<PathBuf>,
+    coarse_confidence: Option<PathBuf>,
+}
+
+impl Maps {
+    /// The depth maps that `path` is the folder of, in any of three layouts:
+    ///
+    /// - as `vamvs depth` writes them, `depths/`, `cams/`, `images/`, `confidence/`;
+    /// - a dense workspace of COLMAP, `stereo/depth_maps/`, `sparse/`, `images/`: the geometric maps, or the
+    ///   photometric ones where there are no others;
+    /// - as networks like MVSNet write them, `depth_est/`, `cams/`, `images/`, and perhaps `confidence/`.
+    ///
+    /// `path` is the folder that holds all these, or that of the depth maps. Where there is no confidence,
+    /// every depth has confidence 1. `masks` are of the folder's own, undistorted images.
+    ///
+    /// # Errors
+    /// If the folder is none of these, a file is missing or malformed, images are distorted, or there are
+    /// fewer than two depth maps.
+    pub fn open(path: &Path, masks: Masks, on_event: &mut dyn FnMut(Event)) -> Result<Self, VamvsError> {
+        let layout = Layout::of(path)?;
+        let loaded = layout.read_scene()?;
+        loaded.warnings.into_iter().for_each(|warning| on_event(Event::Warning(warning)));
+        let files: Vec<Option<MapFiles>> = layout.files(&loaded.scene.views);
+        let kept: Vec<usize> = (0..files.len()).filter(|&view| files[view].is_some()).collect();
+        let (missing, scene) = (files.len() - kept.len(), only(&loaded.scene, &kept));
+        if missing > 0 {
+            let text = format!("{missing} view(s) have a camera but no depth map and are left out");
+            on_event(Event::Warning(text));
+        }
+        if kept.len() < 2 {
+            let problem = format!("expected depth maps of at least 2 of the views, found {}", kept.len());
+            return Err(VamvsError::Folder { path: layout.depths(), problem });
+        }
+        Ok(Self {
+            own: matches!(layout, Layout::Vamvs(_)),
+            root: layout.root().to_owned(),
+            cameras: scene.views.iter().map(|view| pinhole(&view.camera, path)).collect::<Result<_, _>>()?,
+            names: names(&scene.views),
+            files: files.into_iter().flatten().collect(),
+            scene,
+            masks,
+        })
+    }
+
+    /// Whether there are depth maps in one of the layouts.
+    #[must_use]
+    pub fn are_at(path: &Path) -> bool {
+        Layout::of(path).is_ok()
+    }
+
+    /// The folder that holds the depth maps, cameras and photographs.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Where a cloud of these depth maps goes: `fused.ply`, or `vamvs.ply` beside what other programs made.
+    #[must_use]
+    pub fn default_cloud(&self) -> PathBuf {
+        self.root.join(if self.own { "fused.ply" } else { "vamvs.ply" })
+    }
+
+    /// The views' names, as [`names`] makes them.
+    #[must_use]
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// The cameras of the photographs. Depth maps may be smaller.
+    #[must_use]
+    pub fn cameras(&self) -> &[Pinhole] {
+        &self.cameras
+    }
+
+    /// A view's pose, `cam_from_world`.
+    #[must_use]
+    pub fn pose(&self, view: usize) -> &Pose {
+        &self.scene.views[view].cam_from_world
+    }
+
+    /// For each view, its source views as the folder's files tell them, best first; `None` if they do not.
+    #[must_use]
+    pub fn pairs(&self) -> Option<&[Vec<usize>]> {
+        self.scene.pairs.as_deref()
+    }
+
+    /// For each view, the others that see the same surfaces, best first, at most `count`.
+    #[must_use]
+    pub fn neighbours(&self, count: usize) -> Vec<Vec<usize>> {
+        view_selection::select(&self.scene, &self.cameras, count)
+    }
+
+    /// The file of a view's depth map.
+    #[must_use]
+    pub fn depth_file(&self, view: usize) -> &Path {
+        &self.files[view].depth
+    }
+
+    /// Doubles where the cameras stand far from the origin compared with their distances.
+    #[must_use]
+    pub fn coordinates(&self) -> Coordinates {
+        let at_camera = |view: &vamvs_core::View| CloudPoint {
+            x_in_world: view.cam_from_world.centre().into(),
+            normal: [0.0; 3],
+            colour: [0; 3],
+            confidence: 0.0,
+            views: 0,
+        };
+        Coordinates::fitting(&self.scene.views.iter().map(at_camera).collect::<Vec<_>>())
+    }
+
+    /// Reads a view's depth map.
+    ///
+    /// # Errors
+    /// If a file is missing or malformed.
+    pub fn depth_map(&self, view: usize) -> Result<DepthMap, VamvsError> {
+        let files = &self.files[view];
+        let is_colmap = files.depth.extension().is_some_and(|extension| extension == "bin");
+        let depth =
+            if is_colmap { dense::read_depth_map(&files.depth)? } else { pfm::read_depth(&files.depth)? };
+        let confidence = match &files.confidence {
+            Some(path) => pfm::read(path)?,
+            None => depth.map(|depth| f32::from(u8::from(*depth > 0.0))),
+        };
+        Ok(DepthMap {
+            camera: self.cameras[view].resized(depth.size()),
+            cam_from_world: self.scene.views[view].cam_from_world,
+            depth,
+            confidence,
+            coarse_confidence: files.coarse_confidence.as_deref().map(pfm::read).transpose()?,
+        })
+    }
+
+    fn mask(&self, view: usize, size: Size) -> Result<Option<Grid<bool>>, VamvsError> {
+        let path = self.masks.find(&self.scene.views[view].name);
+        Ok(path.map(|path| masks::load(&path, size)).transpose()?)
+    }
+}
+
+impl MapSource for Maps {
+    type Error = VamvsError;
+
+    fn len(&self) -> usize {
+        self.names.len()
+    }
+
+    fn load(&self, view: usize) -> Result<FusionView, VamvsError> {
+        let map = self.depth_map(view)?;
+        let size = map.depth.size();
+        let colour = image::load_rgb(&self.files[view].image)?;
+        let colour = if colour.size() == size { colour } else { image::resize(&colour, size) };
+        Ok(FusionView { colour, mask: self.mask(view, size)?, map })
+    }
+}
+
+fn pinhole(camera: &Camera, path: &Path) -> Result<Pinhole, VamvsError> {
+    match camera.lens {
+        Lens::None => Ok(Pinhole { size: camera.size, intrinsics: camera.intrinsics }),
+        _ => Err(VamvsError::Folder {
+            path: path.to_owned(),
+            problem: "expected undistorted images with cameras without distortion, found distorted ones"
+                .to_owned(),
+        }),
+    }
+}
+
+/// The part of a scene that only these views make up.
+fn only(scene: &Scene, kept: &[usize]) -> Scene {
+    let place = |view: &usize| kept.binary_search(view).ok();
+    let pairs = |pairs: &Vec<Vec<usize>>| {
+        kept.iter().map(|&view| pairs[view].iter().filter_map(place).collect()).collect()
+    };
+    let point = |point: &SparsePoint| {
+        let views: Vec<usize> = point.views.iter().filter_map(place).collect();
+        (!views.is_empty()).then_some(SparsePoint { x_in_world: point.x_in_world, views })
+    };
+    Scene {
+        views: kept.iter().map(|&view| scene.views[view].clone()).collect(),
+        points: scene.points.iter().filter_map(point).collect(),
+        pairs: scene.pairs.as_ref().map(pairs),
+    }
+}
