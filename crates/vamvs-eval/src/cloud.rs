@@ -1,58 +1,84 @@
-//! How well a cloud agrees with points of the true surface.
+//! How well a cloud agrees with points of the true surface, in both directions.
 //!
-//! Precision and recall are those of Tanks and Temples (Knapitsch et al. 2017), the mean distances the
-//! accuracy and completeness of DTU (Aanæs et al. 2016), without its cap on outliers.
+//! Distances from the cloud to the truth tell its *accuracy*, those from the truth to the cloud its
+//! *completeness* (Seitz et al. 2006). Precision, recall and F-score at a threshold are those of Tanks and
+//! Temples (Knapitsch et al. 2017, section 4).
 
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::nearest::nearest_distances;
+use crate::stats::Spread;
+
+/// The distances between a cloud and the truth, scene units.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CloudDistances {
+    /// From each point of the cloud to the nearest true one; infinite if there is none.
+    pub to_truth: Vec<f64>,
+    /// From each true point to the nearest of the cloud; infinite if there is none.
+    pub to_cloud: Vec<f64>,
+}
+
 /// Agreement of a cloud with truth.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CloudErrors {
+    /// Distances from the cloud to the truth, scene units.
+    pub accuracy: Spread,
+    /// Distances from the truth to the cloud, scene units.
+    pub completeness: Spread,
+    /// Agreement at each threshold.
+    pub agreement: Vec<Agreement>,
+}
+
+/// Agreement at a threshold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Agreement {
-    /// The share of the cloud's points within the threshold of a true point, 0 to 1.
+    /// How near is near, scene units.
+    pub threshold: f64,
+    /// The share of the cloud's points that are nearer than the threshold to a true point, 0 to 1.
     pub precision: f64,
-    /// The share of true points within the threshold of a point of the cloud, 0 to 1.
+    /// The share of true points that are nearer than the threshold to a point of the cloud, 0 to 1.
     pub recall: f64,
     /// The harmonic mean of both, 0 to 1.
     pub f_score: f64,
-    /// The mean distance from a point of the cloud to the nearest true one, scene units; infinite if
-    /// there is none.
-    pub accuracy_mean: f64,
-    /// The mean distance from a true point to the nearest of the cloud, scene units; infinite if there
-    /// is none.
-    pub completeness_mean: f64,
 }
 
 /// Compares the positions of a cloud with true points; both in the same world, in scene units, finite.
-/// An empty cloud, or no truth, scores 0.
 #[must_use]
-pub fn compare_clouds(cloud: &[[f64; 3]], truth: &[[f64; 3]], threshold: f64) -> Agreement {
-    let (precision, accuracy_mean) = near_share_and_mean(&nearest_distances(cloud, truth), threshold);
-    let (recall, completeness_mean) = near_share_and_mean(&nearest_distances(truth, cloud), threshold);
-    let sum = precision + recall;
-    let f_score = if sum > 0.0 { 2.0 * precision * recall / sum } else { 0.0 };
-    Agreement { precision, recall, f_score, accuracy_mean, completeness_mean }
+pub fn compare_clouds(cloud: &[[f64; 3]], truth: &[[f64; 3]], thresholds: &[f64]) -> CloudErrors {
+    CloudDistances::between(cloud, truth).errors(thresholds)
 }
 
-/// The distance from each point of `from` to the nearest of `to`; infinite if `to` is empty.
-#[must_use]
-pub fn nearest_distances(from: &[[f64; 3]], to: &[[f64; 3]]) -> Vec<f64> {
-    let tree = match ImmutableKdTree::<f64, 3>::new_from_slice(to) {
-        Ok(tree) if !to.is_empty() => tree,
-        _ => return vec![f64::INFINITY; from.len()],
-    };
-    let squared = |x: &[f64; 3]| tree.query(x).nearest_one::<SquaredEuclidean<f64>>().execute().distance;
-    from.par_iter().map(|x| squared(x).sqrt()).collect()
-}
-
-fn near_share_and_mean(distances: &[f64], threshold: f64) -> (f64, f64) {
-    if distances.is_empty() {
-        return (0.0, f64::INFINITY);
+impl CloudDistances {
+    /// The distances between the positions of a cloud and true points.
+    #[must_use]
+    pub fn between(cloud: &[[f64; 3]], truth: &[[f64; 3]]) -> Self {
+        Self { to_truth: nearest_distances(cloud, truth), to_cloud: nearest_distances(truth, cloud) }
     }
-    let count = distances.len() as f64;
-    let near = distances.iter().filter(|&&distance| distance <= threshold).count();
-    (near as f64 / count, distances.iter().sum::<f64>() / count)
+
+    /// What the distances come to.
+    #[must_use]
+    pub fn errors(&self, thresholds: &[f64]) -> CloudErrors {
+        CloudErrors {
+            accuracy: Spread::of(self.to_truth.clone()),
+            completeness: Spread::of(self.to_cloud.clone()),
+            agreement: thresholds.iter().map(|&threshold| self.agreement(threshold)).collect(),
+        }
+    }
+
+    /// Agreement at one threshold; an empty cloud, or no truth, scores 0.
+    #[must_use]
+    pub fn agreement(&self, threshold: f64) -> Agreement {
+        let (precision, recall) =
+            (near_share(&self.to_truth, threshold), near_share(&self.to_cloud, threshold));
+        let sum = precision + recall;
+        let f_score = if sum > 0.0 { 2.0 * precision * recall / sum } else { 0.0 };
+        Agreement { threshold, precision, recall, f_score }
+    }
+}
+
+fn near_share(distances: &[f64], threshold: f64) -> f64 {
+    let near = distances.iter().filter(|&&distance| distance < threshold).count();
+    near as f64 / distances.len().max(1) as f64
 }
 
 #[cfg(test)]
@@ -64,44 +90,13 @@ mod tests {
         (0..400).map(|i| [f64::from(i % 20), f64::from(i / 20), z]).collect()
     }
 
-    /// Pseudo-random points in the unit cube.
-    fn scattered(count: u64, seed: u64) -> Vec<[f64; 3]> {
-        let random = |i: u64| {
-            let mut h =
-                (i + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ seed.wrapping_mul(0xD1B5_4A32_D192_ED03);
-            h ^= h >> 31;
-            h = h.wrapping_mul(0xBF58_476D_1CE4_E5B9);
-            ((h ^ (h >> 29)) >> 11) as f64 / (1u64 << 53) as f64
-        };
-        (0..count).map(|i| [random(3 * i), random(3 * i + 1), random(3 * i + 2)]).collect()
-    }
-
-    #[test]
-    fn distances_equal_brute_force() {
-        let (from, to) = (scattered(300, 1), scattered(500, 2));
-        for (x, found) in from.iter().zip(nearest_distances(&from, &to)) {
-            let squared = |y: &[f64; 3]| (0..3).map(|i| (x[i] - y[i]).powi(2)).sum::<f64>();
-            let expected = to.iter().map(squared).fold(f64::INFINITY, f64::min).sqrt();
-            assert!((found - expected).abs() < 1e-12);
-        }
-    }
-
-    #[test]
-    fn distances_are_exact_far_from_the_origin_and_among_equal_coordinates() {
-        let far = |z: f64| square(z).iter().map(|x| [x[0] + 4.5e5, x[1] + 5.4e6, x[2]]).collect::<Vec<_>>();
-        for distance in nearest_distances(&far(0.25), &far(0.0)) {
-            assert!((distance - 0.25).abs() < 1e-9);
-        }
-    }
-
     #[test]
     fn a_shifted_cloud_is_all_within_or_all_without_the_threshold() {
-        let (cloud, truth) = (square(0.1), square(0.0));
-        let within = compare_clouds(&cloud, &truth, 0.11);
-        assert_eq!((within.precision, within.recall, within.f_score), (1.0, 1.0, 1.0));
-        assert!((within.accuracy_mean - 0.1).abs() < 1e-9 && (within.completeness_mean - 0.1).abs() < 1e-9);
-        let without = compare_clouds(&cloud, &truth, 0.09);
-        assert_eq!((without.precision, without.recall, without.f_score), (0.0, 0.0, 0.0));
+        let errors = compare_clouds(&square(0.125), &square(0.0), &[0.13, 0.125, 0.09]);
+        let scores: Vec<_> = errors.agreement.iter().map(|a| (a.precision, a.recall, a.f_score)).collect();
+        assert_eq!(scores, [(1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]);
+        assert_eq!(errors.accuracy, Spread { count: 400, mean: 0.125, median: 0.125 });
+        assert_eq!(errors.completeness, errors.accuracy);
     }
 
     #[test]
@@ -109,20 +104,23 @@ mod tests {
         let truth = square(0.0);
         let mut cloud = truth[..100].to_vec();
         cloud.extend((0..25).map(|i| [f64::from(i), 0.0, 30.0 + f64::from(i)]));
-        let agreement = compare_clouds(&cloud, &truth, 0.5);
-        assert_eq!(agreement.precision, 0.8);
-        assert_eq!(agreement.recall, 0.25);
+        let errors = compare_clouds(&cloud, &truth, &[0.5]);
+        let agreement = errors.agreement[0];
+        assert_eq!((agreement.precision, agreement.recall), (0.8, 0.25));
         assert!((agreement.f_score - 2.0 * 0.8 * 0.25 / 1.05).abs() < 1e-12);
         // Rows 5 to 19 are 1 to 15 away from row 4.
-        assert!((agreement.completeness_mean - 20.0 * 120.0 / 400.0).abs() < 1e-9);
+        assert!((errors.completeness.mean - 20.0 * 120.0 / 400.0).abs() < 1e-9);
+        // Rows 0 to 4 are at 0, each row beyond at a distance more: half of the rows are beyond row 9.
+        assert_eq!(errors.completeness.median, 5.5);
     }
 
     #[test]
     fn nothing_scores_nothing() {
         for (cloud, truth) in [(vec![], square(0.0)), (square(0.0), vec![]), (vec![], vec![])] {
-            let agreement = compare_clouds(&cloud, &truth, 1.0);
+            let errors = compare_clouds(&cloud, &truth, &[1.0]);
+            let agreement = errors.agreement[0];
             assert_eq!((agreement.precision, agreement.recall, agreement.f_score), (0.0, 0.0, 0.0));
-            assert_eq!(agreement.accuracy_mean, f64::INFINITY);
+            assert!(!errors.accuracy.mean.is_finite() || !errors.completeness.mean.is_finite());
         }
     }
 }

@@ -1,9 +1,25 @@
-//! Measures of depth maps and clouds against truth.
+//! Measures of depth maps and clouds against truth, as the field's benchmarks take them.
 //!
-//! This crate knows no file and makes no pictures; it counts.
+//! [`depth`] compares depth maps, [`cloud`] clouds; [`dtu`] and [`tnt`] are the protocols of two
+//! benchmarks, put together of [`thin`](mod@thin), [`voxel`] and [`icp`]. [`surface`] makes a true cloud of
+//! true depth maps. This crate knows no file and makes no pictures; it counts.
 
+mod cells;
 pub mod cloud;
 pub mod depth;
+pub mod dtu;
+pub mod icp;
+pub mod nearest;
+pub mod stats;
+pub mod surface;
+pub mod thin;
+pub mod tnt;
+pub mod voxel;
 
-pub use cloud::{Agreement, compare_clouds};
-pub use depth::{DepthErrors, compare_depths};
+pub use cells::TooFine;
+pub use cloud::{Agreement, CloudDistances, CloudErrors, compare_clouds};
+pub use depth::{DepthErrors, DepthSamples, PixelMap, Region, Threshold};
+pub use nearest::nearest_distances;
+pub use stats::Spread;
+pub use thin::thin;
+pub use voxel::voxel_means;

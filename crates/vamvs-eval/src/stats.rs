@@ -1,0 +1,46 @@
+//! Mean and median of many values.
+
+use serde::Serialize;
+
+/// Where values lie.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Spread {
+    /// How many there are.
+    pub count: usize,
+    /// Their mean; NaN if there are none.
+    pub mean: f64,
+    /// Their median, of an even number the mean of the middle two; NaN if there are none.
+    pub median: f64,
+}
+
+impl Spread {
+    /// The spread of values in any order.
+    #[must_use]
+    pub fn of(mut values: Vec<f64>) -> Self {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        Self { count: values.len(), mean, median: median(&mut values) }
+    }
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    let odd = values.len() % 2 == 1;
+    let (below, &mut upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
+    if odd { upper } else { 0.5 * (upper + below.iter().copied().fold(f64::NEG_INFINITY, f64::max)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_of_odd_and_even_numbers_of_values() {
+        assert_eq!(Spread::of(vec![5.0, 1.0, 3.0]), Spread { count: 3, mean: 3.0, median: 3.0 });
+        assert_eq!(Spread::of(vec![9.0, 1.0, 3.0, 5.0]), Spread { count: 4, mean: 4.5, median: 4.0 });
+        let none = Spread::of(Vec::new());
+        assert!(none.count == 0 && none.mean.is_nan() && none.median.is_nan());
+    }
+}
