@@ -1,0 +1,124 @@
+//! Pictures with a size in the world, and the coats over them.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use rand::RngExt;
+use rand::seq::IndexedRandom;
+use rand_pcg::Pcg64;
+use vamvs_core::{Grid, Rgb, Size};
+
+use super::AssetError;
+use crate::Material;
+use crate::pattern::{Motif, Pattern};
+
+/// Width and height of patterns on large and on small surfaces, pixels, and what is large, metres.
+const LARGE_SIDE: usize = 512;
+const SMALL_SIDE: usize = 256;
+const LARGE: f32 = 0.4;
+
+/// Width and height of plain patterns, pixels: they have little to show.
+const PLAIN_SIDE: usize = 128;
+
+/// What surfaces may look like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Look {
+    /// Anything, also next to nothing.
+    Any,
+    /// Anything with texture.
+    Rich,
+    /// As bare ground: nothing regular.
+    Earth,
+    /// As walls outdoors: bricks, tiles, stone, plaster.
+    Masonry,
+}
+
+impl Look {
+    fn motifs(self) -> &'static [Motif] {
+        match self {
+            Self::Any | Self::Rich => &Motif::ALL[1..],
+            Self::Earth => &[Motif::Clouds, Motif::Speckles, Motif::Marble],
+            Self::Masonry => &[Motif::Bricks, Motif::Tiles, Motif::Speckles, Motif::Clouds],
+        }
+    }
+}
+
+/// A picture that repeats every `width` × `height` metres.
+#[derive(Clone, Debug)]
+pub(crate) struct Surface {
+    pub picture: Arc<Grid<Rgb>>,
+    pub size: [f32; 2],
+}
+
+impl Surface {
+    /// One colour for surfaces of about `extent` metres.
+    pub fn plain(extent: f32, rng: &mut Pcg64) -> Self {
+        let picture = Pattern::random(Motif::Plain, rng).draw(PLAIN_SIDE);
+        Self { picture: Arc::new(picture), size: [0.5 * extent; 2] }
+    }
+
+    /// A random pattern of that look for surfaces of about `extent` metres.
+    pub fn pattern(look: Look, extent: f32, rng: &mut Pcg64) -> Self {
+        let motif = *look.motifs().choose(rng).expect("there are motifs");
+        let side = if extent < LARGE { SMALL_SIDE } else { LARGE_SIDE };
+        let picture = Pattern::random(motif, rng).draw(side);
+        Self { picture: Arc::new(picture), size: [extent * log_uniform(0.3..1.0, rng); 2] }
+    }
+
+    /// A photograph, with its mirror images beside it so that it repeats without a seam, for
+    /// surfaces of about `extent` metres.
+    pub fn photograph(file: &Path, extent: f32, rng: &mut Pcg64) -> Result<Self, AssetError> {
+        let picture = mirrored(&vamvs_io::image::load_rgb(file)?);
+        let width = extent * log_uniform(0.5..1.5, rng);
+        let aspect = picture.height() as f32 / picture.width() as f32;
+        Ok(Self { picture: Arc::new(picture), size: [width, width * aspect] })
+    }
+
+    /// With a random coat, for texture coordinates in metres.
+    pub fn material(self, rng: &mut Pcg64) -> Material {
+        coated(self.picture, self.size.map(|side| 1.0 / side), rng)
+    }
+}
+
+/// A picture under a random coat: half of them matt, some glossy.
+pub(crate) fn coated(albedo: Arc<Grid<Rgb>>, tiling: [f32; 2], rng: &mut Pcg64) -> Material {
+    let (specular, roughness) = match rng.random_range(0..10) {
+        0..5 => (0.0, 1.0),
+        5..9 => (0.04, rng.random_range(0.3..0.7)),
+        _ => (0.05, rng.random_range(0.1..0.3)),
+    };
+    Material { albedo, tiling, tint: [1.0; 3], specular, roughness }
+}
+
+/// A number from the range, each factor equally likely.
+pub(crate) fn log_uniform(range: std::ops::Range<f32>, rng: &mut Pcg64) -> f32 {
+    range.start * (range.end / range.start).powf(rng.random())
+}
+
+fn mirrored(picture: &Grid<Rgb>) -> Grid<Rgb> {
+    let (width, height) = (picture.width(), picture.height());
+    let fold = |i: usize, side: usize| i.min(2 * side - 1 - i);
+    Grid::from_fn(Size::new(2 * width, 2 * height), |x, y| picture[(fold(x, width), fold(y, height))])
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+
+    #[test]
+    fn mirror_images_join_at_all_sides() {
+        let picture = mirrored(&Grid::from_fn(Size::new(3, 2), |x, y| [x as u8, y as u8, 0]));
+        let row: Vec<u8> = picture.row(0).iter().map(|c| c[0]).collect();
+        assert_eq!(row, [0, 1, 2, 2, 1, 0]);
+        assert_eq!(picture.row(3), picture.row(0));
+    }
+
+    #[test]
+    fn log_uniform_numbers_have_their_median_in_the_geometric_middle() {
+        let mut rng = Pcg64::seed_from_u64(1);
+        let below = (0..1000).filter(|_| log_uniform(0.25..4.0, &mut rng) < 1.0).count();
+        assert!((450..550).contains(&below));
+    }
+}

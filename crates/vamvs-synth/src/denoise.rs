@@ -1,0 +1,141 @@
+//! Smoothing of the noise of light paths: an edge-avoiding à-trous filter (Dammertz et al. 2010) that
+//! knows the noise of each pixel (Schied et al. 2017). Diffuse light is smoothed without the albedo, so
+//! that textures stay as they are; light straight from the sky is left alone.
+
+use nalgebra::Vector3;
+use vamvs_core::Grid;
+
+use crate::colour::luminance;
+use crate::pixels::fill;
+use crate::render::{Estimate, Pixel, PixelSurface};
+
+/// Passes of the filter, each twice as wide as the one before.
+const DIFFUSE_PASSES: u32 = 5;
+const SPECULAR_PASSES: u32 = 3;
+/// The filter's weights from the middle outwards.
+const KERNEL: [f32; 3] = [0.375, 0.25, 0.0625];
+/// Standard deviations of noise by which pixels of one surface's even light may differ.
+const NOISE: f32 = 4.0;
+/// Difference of light, as a share of it, that is smoothed in any case.
+const CONTRAST: f32 = 0.02;
+/// How far pixels of one surface may be off its plane: as a share of their distance, and in pixels.
+const OFF_PLANE: (f32, f32) = (0.08, 1.5);
+
+/// The light of `pixels` without most of its noise.
+pub(crate) fn denoised(pixels: &Grid<Pixel>) -> Grid<[f32; 3]> {
+    let guide = pixels.map(|pixel| pixel.surface);
+    let diffuse = smoothed(&guide, pixels.map(|pixel| pixel.diffuse), DIFFUSE_PASSES);
+    let specular = smoothed(&guide, pixels.map(|pixel| pixel.specular), SPECULAR_PASSES);
+    fill(pixels.size(), |x, y| {
+        let at = (x, y);
+        Pixel { diffuse: diffuse[at], specular: specular[at], ..pixels[at] }.radiance().into()
+    })
+}
+
+fn smoothed(guide: &Grid<Option<PixelSurface>>, light: Grid<Estimate>, passes: u32) -> Grid<Estimate> {
+    let light = calmed(&without_sparks(&light));
+    (0..passes).fold(light, |light, pass| {
+        let filter = Filter { guide, light: &light, step: 1 << pass };
+        fill(light.size(), |x, y| filter.at(x, y))
+    })
+}
+
+/// No pixel brighter than the second brightest around it: single paths that met a rare bright light.
+fn without_sparks(light: &Grid<Estimate>) -> Grid<Estimate> {
+    fill(light.size(), |x, y| {
+        let mut brightest = [0.0_f32; 2];
+        for (i, j) in around(light, x, y).filter(|&at| at != (x, y)) {
+            let other = luminance(light[(i, j)].mean.into());
+            brightest = [brightest[0].max(other), brightest[1].max(other.min(brightest[0]))];
+        }
+        let own = light[(x, y)];
+        let scale = (brightest[1] / luminance(own.mean.into())).min(1.0);
+        if scale.is_nan() { own } else { Estimate { mean: own.mean * scale, variance: own.variance * scale * scale } }
+    })
+}
+
+/// The same means, with variances averaged over neighbours: few paths tell little about their noise.
+fn calmed(light: &Grid<Estimate>) -> Grid<Estimate> {
+    fill(light.size(), |x, y| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for at in around(light, x, y) {
+            sum += light[at].variance;
+            count += 1.0;
+        }
+        Estimate { variance: sum / count, ..light[(x, y)] }
+    })
+}
+
+/// The pixel and its neighbours.
+fn around<T>(grid: &Grid<T>, x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
+    let columns = x.saturating_sub(1)..(x + 2).min(grid.width());
+    let rows = y.saturating_sub(1)..(y + 2).min(grid.height());
+    rows.flat_map(move |j| columns.clone().map(move |i| (i, j)))
+}
+
+/// A pass of the filter.
+struct Filter<'a> {
+    guide: &'a Grid<Option<PixelSurface>>,
+    light: &'a Grid<Estimate>,
+    /// Distance of the pixels that are averaged.
+    step: isize,
+}
+
+impl Filter<'_> {
+    fn at(&self, x: usize, y: usize) -> Estimate {
+        let own = self.light[(x, y)];
+        let Some(surface) = &self.guide[(x, y)] else { return own };
+        let likeness = Likeness::new(surface, &own);
+        let (mut sum, mut variance, mut weights) = (Vector3::zeros(), 0.0, 0.0);
+        for j in -2..=2_isize {
+            for i in -2..=2_isize {
+                let Some((other, estimate)) = self.tap(x, y, i, j) else { continue };
+                let kernel = KERNEL[i.unsigned_abs()] * KERNEL[j.unsigned_abs()];
+                let weight = kernel * if (i, j) == (0, 0) { 1.0 } else { likeness.weight(other, estimate) };
+                sum += estimate.mean * weight;
+                variance += estimate.variance * weight * weight;
+                weights += weight;
+            }
+        }
+        Estimate { mean: sum / weights, variance: variance / (weights * weights) }
+    }
+
+    fn tap(&self, x: usize, y: usize, i: isize, j: isize) -> Option<(&PixelSurface, &Estimate)> {
+        let x = x.checked_add_signed(i * self.step)?;
+        let y = y.checked_add_signed(j * self.step)?;
+        Some((self.guide.get(x, y)?.as_ref()?, &self.light[(x, y)]))
+    }
+}
+
+/// Tells how alike other pixels are to one.
+struct Likeness<'a> {
+    surface: &'a PixelSurface,
+    luminance: f32,
+    /// By difference of luminance.
+    scale: f32,
+}
+
+impl<'a> Likeness<'a> {
+    fn new(surface: &'a PixelSurface, light: &Estimate) -> Self {
+        let luminance = luminance(light.mean.into());
+        let tolerance = NOISE * light.variance.sqrt() + CONTRAST * luminance;
+        Self { surface, luminance, scale: 1.0 / tolerance.max(f32::MIN_POSITIVE) }
+    }
+
+    /// From 1, alike, to 0.
+    fn weight(&self, other: &PixelSurface, light: &Estimate) -> f32 {
+        let cos = self.surface.normal.dot(&other.normal).max(0.0);
+        let offset = other.position - self.surface.position;
+        let (by_distance, by_spacing) = OFF_PLANE;
+        let off_plane = self.surface.normal.dot(&offset).abs()
+            / (by_distance * offset.norm() + by_spacing * self.surface.spacing);
+        let contrast = (luminance(light.mean.into()) - self.luminance).abs() * self.scale;
+        cos.powi(32) * bump(off_plane) * bump(contrast)
+    }
+}
+
+/// 1 at 0, falling to 0 at 1.
+fn bump(x: f32) -> f32 {
+    let rest = (1.0 - x * x).max(0.0);
+    rest * rest
+}

@@ -1,0 +1,89 @@
+//! Stages: objects and lights put together into something worth looking at.
+
+mod clutter;
+mod facade;
+mod focus;
+mod light;
+mod physics;
+mod room;
+mod set;
+mod terrain;
+mod turntable;
+
+pub use focus::Focus;
+
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+
+use crate::assets::{AssetError, Assets};
+use crate::{Object, World};
+use set::Set;
+
+/// Kinds of scenes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Style {
+    /// A pile of things on the ground, sometimes in a box or before walls (section 4.1).
+    Clutter,
+    /// One to three things on a table.
+    Turntable,
+    /// A wall with windows, ledges and columns.
+    Facade,
+    /// Bumpy ground seen from above.
+    Terrain,
+    /// A corner of a room with furniture, seen from inside.
+    Room,
+}
+
+impl Style {
+    /// All styles.
+    pub const ALL: [Self; 5] = [Self::Clutter, Self::Turntable, Self::Facade, Self::Terrain, Self::Room];
+
+    /// The name that users write.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Clutter => "clutter",
+            Self::Turntable => "turntable",
+            Self::Facade => "facade",
+            Self::Terrain => "terrain",
+            Self::Room => "room",
+        }
+    }
+}
+
+/// A world and where to look at it from.
+#[derive(Clone, Debug)]
+pub struct Stage {
+    /// Objects and lights.
+    pub world: World,
+    /// Where cameras should look, and from where.
+    pub focus: Focus,
+}
+
+/// The objects of a stage and where to look, before there is light.
+struct Layout {
+    objects: Vec<Object>,
+    focus: Focus,
+}
+
+/// Makes a stage. Equal assets and random numbers give bit-identical stages.
+///
+/// # Errors
+/// If the file of an asset cannot be read; files are read when they are first used.
+pub fn stage(style: Style, assets: &Assets, rng: &mut Pcg64) -> Result<Stage, AssetError> {
+    let environment = light::environment(assets, rng)?;
+    let set = Set::new(assets, rng);
+    let Layout { objects, focus } = match style {
+        Style::Clutter => clutter::build(set),
+        Style::Turntable => turntable::build(set),
+        Style::Facade => facade::build(set),
+        Style::Terrain => terrain::build(set),
+        Style::Room => room::build(set),
+    }?;
+    let lamps = light::lamps(&focus, rng);
+    Ok(Stage { world: World { objects, environment, lamps }, focus })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,134 @@
+//! Stages are deterministic, and what lies on them lies.
+
+use nalgebra::{Point3, Vector3};
+use rand::SeedableRng;
+use rapier3d::math::{Pose, Vector};
+use rapier3d::parry::query::{self, PointQuery};
+use rapier3d::parry::shape::{TriMesh, TriMeshFlags};
+
+use super::*;
+
+/// Largest gap under a thing and deepest overlap of two, metres.
+const TOLERANCE: f32 = 2e-3;
+
+fn staged(style: Style, seed: u64) -> Stage {
+    stage(style, &Assets::procedural(), &mut Pcg64::seed_from_u64(seed)).unwrap()
+}
+
+fn assert_equal(a: &Stage, b: &Stage) {
+    assert_eq!(a.focus, b.focus);
+    assert_eq!(a.world.lamps, b.world.lamps);
+    assert_eq!(a.world.environment.map, b.world.environment.map);
+    assert_eq!(a.world.objects.len(), b.world.objects.len());
+    for (a, b) in a.world.objects.iter().zip(&b.world.objects) {
+        assert_eq!(a.mesh, b.mesh);
+        assert_eq!(a.world_from_object, b.world_from_object);
+        assert!(a.material.albedo == b.material.albedo && a.material.roughness == b.material.roughness);
+    }
+}
+
+#[test]
+fn equal_seeds_give_equal_stages() {
+    for style in Style::ALL {
+        let one = staged(style, 3);
+        assert_equal(&one, &staged(style, 3));
+        assert_ne!(one.focus, staged(style, 4).focus, "{style:?}");
+    }
+}
+
+#[test]
+fn stages_surround_their_focus() {
+    for (style, seed) in Style::ALL.into_iter().flat_map(|style| (0..2).map(move |seed| (style, seed))) {
+        let Stage { world, focus } = staged(style, seed);
+        assert!(focus.admits(&focus.axis), "{style:?}: the best place is a possible one");
+        assert!(focus.radius > 0.05 && focus.radius < 5.0, "{style:?}: {focus:?}");
+        let near = |object: &&Object| {
+            let vertices = object.mesh.positions.iter();
+            vertices.map(|&p| object.world_from_object * Point3::from(p).cast::<f64>())
+                .any(|p| (p.coords - focus.centre).norm() < focus.radius)
+        };
+        assert!(world.objects.iter().filter(near).count() >= 1, "{style:?}: nothing to see");
+        let finite = |object: &Object| object.mesh.positions.as_flattened().iter().all(|c| c.is_finite());
+        assert!(world.objects.iter().all(finite));
+    }
+}
+
+#[test]
+fn lamps_shine_on_the_focus() {
+    let lamps: Vec<_> = (0..6)
+        .flat_map(|seed| {
+            let focus = staged(Style::Terrain, seed).focus;
+            light::lamps(&focus, &mut Pcg64::seed_from_u64(seed)).into_iter().map(move |lamp| (lamp, focus))
+        })
+        .collect();
+    assert!(!lamps.is_empty());
+    for (lamp, focus) in lamps {
+        let normal = lamp.half_u.cross(&lamp.half_v);
+        assert!(normal.dot(&(focus.centre - lamp.centre)) > 0.0);
+        assert!(lamp.half_u.dot(&lamp.half_v).abs() < 1e-9 && lamp.centre.z > focus.centre.z);
+    }
+}
+
+/// The surface of an object in the world, with an inside if it is closed.
+fn surface(object: &Object) -> TriMesh {
+    let place = |&p: &[f32; 3]| {
+        let p = object.world_from_object * Point3::from(p).cast::<f64>();
+        Vector::new(p.x as f32, p.y as f32, p.z as f32)
+    };
+    let points = object.mesh.positions.iter().map(place).collect();
+    let flags = TriMeshFlags::ORIENTED | TriMeshFlags::MERGE_DUPLICATE_VERTICES;
+    TriMesh::with_flags(points, object.mesh.triangles.clone(), flags).unwrap()
+}
+
+/// How deep the deepest vertex of `a` lies in `b`.
+fn overlap(a: &TriMesh, b: &TriMesh) -> f32 {
+    let depth = |&vertex: &Vector| {
+        let nearest = b.project_local_point(vertex, true);
+        let outer = b.project_local_point(vertex, false);
+        if nearest.is_inside { (outer.point - vertex).length() } else { 0.0 }
+    };
+    a.vertices().iter().map(depth).fold(0.0, f32::max)
+}
+
+#[test]
+fn things_rest_on_one_another() {
+    let Stage { world, .. } = staged(Style::Clutter, 0);
+    // The last objects are the things; the ground is the first.
+    let surfaces: Vec<TriMesh> = world.objects.iter().map(surface).collect();
+    let still = Pose::IDENTITY;
+    let mut worst = [0.0_f32; 2];
+    for (index, thing) in surfaces.iter().enumerate().skip(1) {
+        let others = || surfaces.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, s)| s);
+        let gap = others()
+            .map(|other| query::distance(&still, thing, &still, other).unwrap().distance)
+            .fold(f32::INFINITY, f32::min);
+        let deepest = others().skip(1).map(|other| overlap(thing, other)).fold(0.0, f32::max);
+        let sunk = thing.vertices().iter().map(|v| -v.z).fold(0.0, f32::max);
+        assert!(gap < TOLERANCE, "object {index} floats by {gap} m");
+        assert!(deepest.max(sunk) < TOLERANCE, "object {index} is {deepest} m in another, {sunk} m in the ground");
+        worst = [worst[0].max(gap), worst[1].max(deepest).max(sunk)];
+    }
+    assert!(surfaces.len() > 12, "{} objects", surfaces.len());
+    println!("largest gap {} m, deepest overlap {} m", worst[0], worst[1]);
+}
+
+#[test]
+fn names_of_styles_are_those_of_their_serialisation() {
+    for style in Style::ALL {
+        assert_eq!(serde_json::to_string(&style).unwrap(), format!("{:?}", style.name()));
+    }
+}
+
+#[test]
+fn a_focus_admits_its_cone_above_its_horizon() {
+    let focus = Focus {
+        centre: Vector3::zeros(),
+        radius: 1.0,
+        axis: Vector3::new(0.0, -1.0, 0.0),
+        spread: 0.5,
+        lowest: -0.1,
+    };
+    let at = |turn: f64, rise: f64| Vector3::new(turn.sin() * rise.cos(), -turn.cos() * rise.cos(), rise.sin());
+    assert!(focus.admits(&at(0.4, 0.0)) && focus.admits(&at(0.0, 0.4)));
+    assert!(!focus.admits(&at(0.6, 0.0)) && !focus.admits(&at(0.0, -0.2)));
+}

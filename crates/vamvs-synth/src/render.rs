@@ -1,0 +1,194 @@
+//! Photographs as sums of light paths.
+
+use nalgebra::Vector3;
+use vamvs_core::{Pinhole, Pose};
+
+use crate::colour::luminance;
+use crate::denoise::denoised;
+use crate::path::{Cone, Paths, Seen};
+use crate::pixels::fill;
+use crate::sampler::Pattern;
+use crate::surface::Split;
+use crate::tracer::{RenderOptions, Shot, Tracer};
+use crate::truth::Eye;
+
+/// What one path covers of its pixel, at least: below that, textures would be sampled too sparsely.
+const LEAST_COVER: f64 = 0.5;
+
+/// The mean over the paths of a pixel.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Pixel {
+    /// Light straight from the sky.
+    pub background: Vector3<f32>,
+    /// Diffuse albedo of the first surface, 0 for the sky.
+    pub albedo: Vector3<f32>,
+    /// Diffusely reflected light by albedo.
+    pub diffuse: Estimate,
+    /// Specularly reflected light.
+    pub specular: Estimate,
+    /// What the paths meet first, if any meets a surface.
+    pub surface: Option<PixelSurface>,
+}
+
+/// The surface at a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PixelSurface {
+    /// Mean unit normal in the world.
+    pub normal: Vector3<f32>,
+    /// Where the pixel's central ray is at the mean distance, from the camera along the world's axes.
+    pub position: Vector3<f32>,
+    /// Distance there to the next pixel's ray.
+    pub spacing: f32,
+}
+
+/// A mean over paths.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Estimate {
+    pub mean: Vector3<f32>,
+    /// Variance of the mean's luminance.
+    pub variance: f32,
+}
+
+impl Pixel {
+    /// All light.
+    pub fn radiance(&self) -> Vector3<f32> {
+        self.background + self.albedo.component_mul(&self.diffuse.mean) + self.specular.mean
+    }
+}
+
+impl Tracer {
+    /// The photograph that `camera` takes at `cam_from_world`, and its truth. Equal seeds give equal
+    /// photographs, whatever the number of threads.
+    #[must_use]
+    pub fn shoot(&self, camera: &Pinhole, cam_from_world: &Pose, options: &RenderOptions, seed: u64) -> Shot {
+        let exposure = Exposure {
+            eye: Eye::new(camera, cam_from_world),
+            paths: self.paths(options.max_bounces),
+            samples: options.samples.max(1),
+            seed,
+        };
+        let pixels = fill(camera.size, |x, y| exposure.pixel(x, y));
+        let radiance =
+            if options.denoise { denoised(&pixels) } else { pixels.map(|pixel| pixel.radiance().into()) };
+        Shot { radiance, truth: self.truth(camera, cam_from_world) }
+    }
+
+    fn paths(&self, max_bounces: usize) -> Paths<'_> {
+        Paths {
+            geometry: &self.geometry,
+            skins: &self.skins,
+            lights: &self.lights,
+            max_bounces,
+            aim_at_lights: true,
+        }
+    }
+}
+
+struct Exposure<'a> {
+    eye: Eye<'a>,
+    paths: Paths<'a>,
+    samples: usize,
+    seed: u64,
+}
+
+impl Exposure<'_> {
+    fn pixel(&self, x: usize, y: usize) -> Pixel {
+        let mut pattern = Pattern::new(self.seed, (y * self.eye.camera.size.width + x) as u64);
+        let mut sums = Sums::default();
+        for path in 0..self.samples {
+            let mut sampler = pattern.path(path);
+            let [dx, dy] = sampler.pair().map(f64::from);
+            sums.add(&self.paths.follow(&self.cone(x as f64 + dx, y as f64 + dy), &mut sampler));
+        }
+        self.mean(&sums, x as f64 + 0.5, y as f64 + 0.5)
+    }
+
+    fn cone(&self, x: f64, y: f64) -> Cone {
+        let (ray, depth) = self.eye.ray(x, y);
+        let cover = LEAST_COVER.max((self.samples as f64).sqrt().recip());
+        Cone { ray, spread: (cover * depth / self.eye.camera.intrinsics.fx) as f32 }
+    }
+
+    fn mean(&self, sums: &Sums, x: f64, y: f64) -> Pixel {
+        let n = self.samples as f32;
+        let surface = (sums.hits > 0.0).then(|| {
+            let (ray, depth) = self.eye.ray(x, y);
+            let distance = sums.distance / sums.hits;
+            PixelSurface {
+                normal: sums.normal.normalize(),
+                position: ray.direction * distance,
+                spacing: distance * (depth / self.eye.camera.intrinsics.fx) as f32,
+            }
+        });
+        let demodulated = sums.reflected.diffuse.zip_map(&sums.albedo, share);
+        Pixel {
+            background: sums.background / n,
+            albedo: sums.albedo / n,
+            diffuse: Estimate { mean: demodulated, variance: sums.diffuse.variance_of_mean(sums.hits) },
+            specular: Estimate {
+                mean: sums.reflected.specular / n,
+                variance: sums.specular.variance_of_mean(n),
+            },
+            surface,
+        }
+    }
+}
+
+/// Sums over the paths of a pixel.
+#[derive(Default)]
+struct Sums {
+    background: Vector3<f32>,
+    reflected: Split,
+    albedo: Vector3<f32>,
+    normal: Vector3<f32>,
+    distance: f32,
+    /// Paths that met a surface.
+    hits: f32,
+    /// Luminance of the diffuse light by albedo, and of the specular light.
+    diffuse: Moments,
+    specular: Moments,
+}
+
+impl Sums {
+    fn add(&mut self, seen: &Seen) {
+        self.background += seen.background;
+        let Some(first) = seen.first else { return };
+        self.reflected.add(&seen.reflected);
+        self.albedo += first.albedo;
+        self.normal += first.normal;
+        self.distance += first.distance;
+        self.hits += 1.0;
+        let demodulated = seen.reflected.diffuse.zip_map(&first.albedo, share);
+        self.diffuse.add(luminance(demodulated.into()));
+        self.specular.add(luminance(seen.reflected.specular.into()));
+    }
+}
+
+/// `part` of `whole`; 0 of nothing.
+fn share(part: f32, whole: f32) -> f32 {
+    if whole > 0.0 { part / whole } else { 0.0 }
+}
+
+/// Sums of values and of their squares.
+#[derive(Default)]
+struct Moments {
+    sum: f32,
+    squares: f32,
+}
+
+impl Moments {
+    fn add(&mut self, value: f32) {
+        self.sum += value;
+        self.squares += value * value;
+    }
+
+    /// The variance of the mean of `n` values, of which those not added are 0. A single value is
+    /// taken to be as uncertain as it is large.
+    fn variance_of_mean(&self, n: f32) -> f32 {
+        if n < 2.0 {
+            return self.squares;
+        }
+        let mean = self.sum / n;
+        ((self.squares / n - mean * mean) / (n - 1.0)).max(0.0)
+    }
+}

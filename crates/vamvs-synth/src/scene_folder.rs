@@ -1,0 +1,199 @@
+//! Where the files of a scene lie: MVSNet's layout, and the truth beside it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use vamvs_core::{DepthRange, Grid, Rgb, Visibility, depth_map::is_valid};
+use vamvs_io::{IoError, atomic, image, mvsnet, pfm, visibility};
+
+use crate::{Station, SynthError, Truth};
+
+/// What a depth range has beyond the true depths, as a factor.
+const MARGIN: f64 = 1.05;
+
+/// The folders of a scene's files, one file a view.
+const FOLDERS: [&str; 6] = ["images", "cams", "depths", "visibility", "objects", "normals"];
+
+/// The folder of a scene.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SceneFolder {
+    root: PathBuf,
+}
+
+impl SceneFolder {
+    /// The folder of scene number `scene` of the set in `set`.
+    #[must_use]
+    pub fn of(set: &Path, scene: u64) -> Self {
+        Self { root: set.join(format!("scene-{scene:05}")) }
+    }
+
+    /// The folder itself.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// What made the scene; written last.
+    #[must_use]
+    pub fn record(&self) -> PathBuf {
+        self.root.join("scene.json")
+    }
+
+    /// Pictures of all views on one page.
+    #[must_use]
+    pub fn sheet(&self) -> PathBuf {
+        self.root.join("sheet.png")
+    }
+
+    /// The source views of each view.
+    #[must_use]
+    pub fn pairs(&self) -> PathBuf {
+        self.root.join("pair.txt")
+    }
+
+    /// The photograph of a view.
+    #[must_use]
+    pub fn image(&self, view: usize) -> PathBuf {
+        self.root.join(format!("images/{view:08}.png"))
+    }
+
+    /// Camera, pose and depth range of a view.
+    #[must_use]
+    pub fn cam(&self, view: usize) -> PathBuf {
+        self.root.join(format!("cams/{view:08}_cam.txt"))
+    }
+
+    /// The true depth z of a view.
+    #[must_use]
+    pub fn depth(&self, view: usize) -> PathBuf {
+        self.root.join(format!("depths/{view:08}.pfm"))
+    }
+
+    /// The view's visibility in all views.
+    #[must_use]
+    pub fn visibility(&self, view: usize) -> PathBuf {
+        self.root.join(format!("visibility/{view:08}.png"))
+    }
+
+    /// The ids of a view's objects.
+    #[must_use]
+    pub fn objects(&self, view: usize) -> PathBuf {
+        self.root.join(format!("objects/{view:08}.png"))
+    }
+
+    /// The normals of a view in the world.
+    #[must_use]
+    pub fn normals(&self, view: usize) -> PathBuf {
+        self.root.join(format!("normals/{view:08}.pfm"))
+    }
+
+    /// Makes the folders, empty: what an interrupted run left is removed, the record first.
+    pub(crate) fn begin(&self, normals: bool) -> Result<(), SynthError> {
+        remove_file(&self.record())?;
+        for folder in FOLDERS {
+            remove_folder(&self.root.join(folder))?;
+        }
+        let wanted = FOLDERS.iter().filter(|folder| normals || **folder != "normals");
+        for folder in wanted.map(|folder| self.root.join(folder)) {
+            fs::create_dir_all(&folder).map_err(system("make", &folder))?;
+        }
+        remove_temporary(&self.root)
+    }
+
+    /// Writes a view's photograph and camera.
+    pub(crate) fn write_photograph(
+        &self,
+        view: usize,
+        photograph: &Grid<Rgb>,
+        station: &Station,
+        depth: &Grid<f32>,
+    ) -> Result<(), SynthError> {
+        let range = depth_range(depth);
+        mvsnet::write_cam(&self.cam(view), &station.camera, &station.cam_from_world, range)?;
+        Ok(image::save_png_rgb(&self.image(view), photograph)?)
+    }
+
+    /// Writes what is true in a view.
+    pub(crate) fn write_truth(&self, view: usize, truth: &Truth, normals: bool) -> Result<(), SynthError> {
+        pfm::write(&self.depth(view), &truth.depth)?;
+        image::save_png_gray16(&self.objects(view), &truth.id)?;
+        if normals {
+            pfm::write_rgb(&self.normals(view), &truth.normal)?;
+        }
+        Ok(())
+    }
+
+    /// Writes a view's visibility in all views.
+    pub(crate) fn write_visibility(&self, view: usize, tiles: &[Grid<Visibility>]) -> Result<(), SynthError> {
+        Ok(visibility::write(&self.visibility(view), tiles)?)
+    }
+}
+
+/// The span of the depths and a margin; `None` without depths.
+fn depth_range(depth: &Grid<f32>) -> Option<DepthRange> {
+    let depths = || depth.data().iter().copied().filter(|&depth| is_valid(depth));
+    let (near, far) = (depths().reduce(f32::min)?, depths().reduce(f32::max)?);
+    DepthRange::try_new(f64::from(near) / MARGIN, f64::from(far) * MARGIN).ok()
+}
+
+/// Removes what a killed run had begun to write into `folder`.
+fn remove_temporary(folder: &Path) -> Result<(), SynthError> {
+    for entry in fs::read_dir(folder).map_err(system("list", folder))? {
+        let entry = entry.map_err(system("list", folder))?;
+        if entry.file_name().to_string_lossy().starts_with(atomic::PREFIX) {
+            remove_file(&entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+fn remove_file(path: &Path) -> Result<(), SynthError> {
+    gone(fs::remove_file(path), path)
+}
+
+fn remove_folder(path: &Path) -> Result<(), SynthError> {
+    gone(fs::remove_dir_all(path), path)
+}
+
+/// What was not there is as good as removed.
+fn gone(removed: std::io::Result<()>, path: &Path) -> Result<(), SynthError> {
+    match removed {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(system("remove", path)(error)),
+        _ => Ok(()),
+    }
+}
+
+fn system(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> SynthError {
+    move |source| IoError::System { action, path: path.to_owned(), source }.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use vamvs_core::Size;
+
+    use super::*;
+
+    #[test]
+    fn the_range_holds_all_depths_and_a_margin() {
+        let depth = Grid::from_vec(Size::new(4, 1), vec![0.0, 2.0, 4.0, f32::NAN]);
+        let range = depth_range(&depth).unwrap();
+        assert!((range.near - 2.0 / 1.05).abs() < 1e-12 && (range.far - 4.2).abs() < 1e-12);
+        assert_eq!(depth_range(&Grid::filled(Size::new(2, 2), 0.0)), None);
+    }
+
+    #[test]
+    fn beginning_removes_what_was_left_and_nothing_else() {
+        let set = tempfile::tempdir().unwrap();
+        let folder = SceneFolder::of(set.path(), 12);
+        assert!(folder.root().ends_with("scene-00012"));
+        folder.begin(true).unwrap();
+        let notes = folder.root().join("notes.txt");
+        let left = [folder.image(7), folder.normals(0), folder.record(), folder.root().join(".vamvs-a1")];
+        for path in left.iter().chain([&notes]) {
+            atomic::write(path, |_| Ok(())).unwrap();
+        }
+        folder.begin(false).unwrap();
+        assert!(left.iter().all(|path| !path.exists()) && notes.exists());
+        assert!(folder.root().join("images").is_dir() && !folder.root().join("normals").exists());
+    }
+}

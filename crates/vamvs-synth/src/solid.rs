@@ -1,0 +1,177 @@
+//! Convex pieces that stand for a mesh when it collides.
+
+use std::f64::consts::PI;
+
+use nalgebra::Vector3;
+use rapier3d::math::Vector;
+use rapier3d::parry::transformation::try_convex_hull;
+use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};
+
+use crate::Mesh;
+
+/// Share of its convex hull that a mesh fills from which on the hull stands for it.
+const NEARLY_CONVEX: f32 = 0.9;
+
+/// Most vertices of a piece: more make collisions slow, not better.
+const MOST_VERTICES: usize = 240;
+
+/// Half the thickness that a flat mesh is given, metres.
+const HALF_THICKNESS: f32 = 5e-4;
+
+/// Volume below which a mesh is flat, as a share of its diameter cubed.
+const FLAT: f32 = 1e-5;
+
+/// A body for physics: the union of convex pieces, each the hull of its points, in the mesh's frame.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Solid {
+    pub pieces: Vec<Vec<[f32; 3]>>,
+}
+
+impl Solid {
+    /// The body that `meshes` in one frame bound together: their hull if they nearly fill it, an
+    /// approximate convex decomposition otherwise.
+    pub fn of(meshes: &[&Mesh]) -> Self {
+        let (points, triangles) = join(meshes);
+        let outer = extremes(&points);
+        let hull = try_convex_hull(&outer).map_or(0.0, |(points, triangles)| volume(&points, &triangles));
+        if hull < FLAT * diameter(&outer).powi(3) {
+            return Self { pieces: vec![arrays(&extremes(&thickened(&outer)))] };
+        }
+        let filled = volume(&points, &triangles) / hull;
+        if filled > NEARLY_CONVEX {
+            return Self { pieces: vec![arrays(&outer)] };
+        }
+        let pieces = decompose(&points, &triangles);
+        Self { pieces: if pieces.is_empty() { vec![arrays(&outer)] } else { pieces } }
+    }
+
+    /// The middle of the bounding box.
+    pub fn middle(&self) -> Vector3<f32> {
+        let [low, high] = self.bounds();
+        0.5 * (low + high)
+    }
+
+    /// The radius of the ball around the middle that the body just fits in.
+    pub fn radius(&self) -> f32 {
+        let middle = self.middle();
+        self.points().map(|&point| (Vector3::from(point) - middle).norm()).fold(0.0, f32::max)
+    }
+
+    fn points(&self) -> impl Iterator<Item = &[f32; 3]> {
+        self.pieces.iter().flatten()
+    }
+
+    fn bounds(&self) -> [Vector3<f32>; 2] {
+        let start = [Vector3::repeat(f32::INFINITY), Vector3::repeat(f32::NEG_INFINITY)];
+        self.points().map(|&point| Vector3::from(point)).fold(start, |[low, high], point| [low.inf(&point), high.sup(&point)])
+    }
+}
+
+fn join(meshes: &[&Mesh]) -> (Vec<Vector>, Vec<[u32; 3]>) {
+    let (mut points, mut triangles) = (Vec::new(), Vec::new());
+    for mesh in meshes {
+        let first = points.len() as u32;
+        points.extend(mesh.positions.iter().map(|&p| Vector::from(p)));
+        triangles.extend(mesh.triangles.iter().map(|t| t.map(|vertex| first + vertex)));
+    }
+    (points, triangles)
+}
+
+fn arrays(points: &[Vector]) -> Vec<[f32; 3]> {
+    points.iter().map(|p| p.to_array()).collect()
+}
+
+/// The signed volume of a closed mesh.
+fn volume(points: &[Vector], triangles: &[[u32; 3]]) -> f32 {
+    let of_triangle = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(|vertex| points[vertex as usize]);
+        a.dot(b.cross(c)) / 6.0
+    };
+    triangles.iter().map(of_triangle).sum()
+}
+
+fn decompose(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Vec<[f32; 3]>> {
+    let parameters = VHACDParameters { concavity: 0.01, resolution: 48, max_convex_hulls: 12, ..Default::default() };
+    let parts = VHACD::decompose(&parameters, points, triangles, true);
+    let hulls = parts.compute_exact_convex_hulls(points, triangles);
+    let pieces = hulls.into_iter().map(|(points, _)| extremes(&points));
+    pieces.filter(|piece| try_convex_hull(piece).is_ok()).map(|piece| arrays(&piece)).collect()
+}
+
+/// The points that lie outermost in directions spread evenly over the sphere.
+fn extremes(points: &[Vector]) -> Vec<Vector> {
+    if points.len() <= MOST_VERTICES {
+        return points.to_vec();
+    }
+    let outermost = |direction: Vector| {
+        let along = |index: &usize| points[*index].dot(direction);
+        (0..points.len()).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(0)
+    };
+    let mut chosen: Vec<usize> = (0..MOST_VERTICES).map(|i| outermost(spread(i, MOST_VERTICES))).collect();
+    chosen.sort_unstable();
+    chosen.dedup();
+    chosen.into_iter().map(|index| points[index]).collect()
+}
+
+/// Direction `index` of `count` along a Fibonacci spiral.
+fn spread(index: usize, count: usize) -> Vector {
+    let z = 1.0 - (2.0 * index as f64 + 1.0) / count as f64;
+    let angle = PI * (3.0 - 5.0_f64.sqrt()) * index as f64;
+    let radius = (1.0 - z * z).sqrt();
+    Vector::new((radius * angle.cos()) as f32, (radius * angle.sin()) as f32, z as f32)
+}
+
+/// The points swept over a small cube.
+fn thickened(points: &[Vector]) -> Vec<Vector> {
+    let side = |corner: usize, axis: usize| if corner >> axis & 1 == 0 { -HALF_THICKNESS } else { HALF_THICKNESS };
+    let corner = |index| Vector::new(side(index, 0), side(index, 1), side(index, 2));
+    points.iter().flat_map(|&point| (0..8).map(move |index| point + corner(index))).collect()
+}
+
+/// The diagonal of the bounding box.
+fn diameter(points: &[Vector]) -> f32 {
+    let low = points.iter().fold(Vector::MAX, |low, &point| low.min(point));
+    let high = points.iter().fold(Vector::MIN, |high, &point| high.max(point));
+    (high - low).length()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::primitive::{cuboid, heightfield, lathe, rectangle, sphere};
+
+    #[test]
+    fn convex_meshes_are_one_piece_of_their_own_points() {
+        let solid = Solid::of(&[&sphere(0.05, 32)]);
+        assert_eq!(solid.pieces.len(), 1);
+        assert!(solid.points().all(|&p| (Vector::from(p).length() - 0.05).abs() < 1e-6));
+        assert_eq!(Solid::of(&[&cuboid([0.1, 0.2, 0.3])]).pieces.len(), 1);
+    }
+
+    #[test]
+    fn bowls_stay_hollow() {
+        let profile = [[0.0, 0.0], [0.05, 0.0], [0.09, 0.08], [0.08, 0.08], [0.045, 0.01], [0.0, 0.01]];
+        let solid = Solid::of(&[&lathe(&profile, 48)]);
+        assert!(solid.pieces.len() > 2);
+        // No piece reaches far into the hollow: a ball of 3 cm fits above the bottom.
+        let probe = Vector::new(0.0, 0.0, 0.05);
+        for piece in &solid.pieces {
+            let points: Vec<Vector> = piece.iter().map(|&p| Vector::from(p)).collect();
+            let hull = rapier3d::geometry::ColliderBuilder::convex_hull(&points).unwrap().build();
+            let distance = hull.shape().distance_to_local_point(probe, true);
+            assert!(distance > 0.02, "a piece comes within {distance} m of the hollow's middle");
+        }
+    }
+
+    #[test]
+    fn flat_meshes_get_thickness() {
+        let tilted = heightfield([0.1, 0.1], [4, 4], |x, y| 0.7 * x - 0.2 * y);
+        for mesh in [rectangle([0.1, 0.1]), tilted] {
+            let solid = Solid::of(&[&mesh]);
+            let points: Vec<Vector> = solid.points().map(|&p| Vector::from(p)).collect();
+            let (hull, triangles) = try_convex_hull(&points).unwrap();
+            let sheet = 0.01 * 2.0 * HALF_THICKNESS;
+            assert!(volume(&hull, &triangles) > 0.9 * sheet && volume(&hull, &triangles) < 2.0 * sheet);
+        }
+    }
+}

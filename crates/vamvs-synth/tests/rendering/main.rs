@@ -1,0 +1,9 @@
+//! What the tracer tells against what must come out: analytic surfaces, brute force, closed forms.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
+
+mod brute_force;
+mod light;
+mod truth;
+mod visibility;
+mod worlds;
