@@ -13,12 +13,26 @@ from torch import Tensor, nn
 NORMS = ("batch", "group")
 
 
-def normalisation(kind: str, channels: int, dims: int) -> nn.Module:
-    """`batch`: BatchNorm. `group`: GroupNorm, the same in both modes and for any batch size."""
+class ChannelNorm(nn.Module):
+    """Each place's channels to zero mean and unit variance, then scaled and shifted: (B, C, ...)."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.ones(channels))
+        self.bias = nn.Parameter(torch.zeros(channels))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return F.layer_norm(x.transpose(1, -1), self.weight.shape, self.weight, self.bias).transpose(1, -1)
+
+
+def normalisation(kind: str, channels: int, dims: int, local: bool) -> nn.Module:
+    """`batch`: BatchNorm. `group`: GroupNorm, the same in both modes and for any batch size; where the
+    result must not depend on what is computed together (`local`: planes in slabs, points in strips), over
+    the channels of each place alone."""
     if kind == "batch":
         return (nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d)[dims - 1](channels)
     if kind == "group":
-        return nn.GroupNorm(max(1, channels // 8), channels)
+        return ChannelNorm(channels) if local else nn.GroupNorm(max(1, channels // 8), channels)
     raise ValueError(f"normalisation must be one of {NORMS}, not {kind!r}")
 
 
@@ -38,7 +52,7 @@ class Conv1d(nn.Module):
         super().__init__()
         self.batch = norm == "batch"
         self.conv = nn.Conv1d(c_in, c_out, 1, bias=False)
-        self.norm = normalisation(norm, c_out, 1)
+        self.norm = normalisation(norm, c_out, 1, True)
 
     def forward(self, x: Tensor) -> Tensor:
         if self.batch:
@@ -49,8 +63,35 @@ class Conv1d(nn.Module):
         return F.relu(self.norm(self.conv(x)))
 
 
+class Pair1d(nn.Module):
+    """The first layer of a shared MLP on pairs [a, b], without joining them: a (1, A, P), b (B, C, P) →
+    (B, C', P). What depends on `a` alone is computed once."""
+
+    batch: Final[bool]
+
+    def __init__(self, c_a: int, c_b: int, c_out: int, norm: str) -> None:
+        super().__init__()
+        self.batch = norm == "batch"
+        self.c_a = c_a
+        self.conv = nn.Conv1d(c_a + c_b, c_out, 1, bias=False)
+        self.norm = normalisation(norm, c_out, 1, True)
+
+    def forward(self, a: Tensor, b: Tensor) -> Tensor:
+        weight = self.conv.weight
+        if self.batch:
+            if not self.training:
+                n = self.norm
+                scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
+                weight = weight * scale[:, None, None]
+                of_a = F.conv1d(a, weight[:, : self.c_a], shift)
+                return F.conv1d(b, weight[:, self.c_a :]).add_(of_a).relu_()
+        joined = F.conv1d(b, weight[:, self.c_a :]) + F.conv1d(a, weight[:, : self.c_a])
+        return F.relu(self.norm(joined))
+
+
 class Conv2d(nn.Module):
-    """(B, C, H, W) → (B, C', H/stride, W/stride)."""
+    """(B, C, H, W) → (B, C', H/stride, W/stride), output pixels centred on the input's they cover: an odd
+    kernel for stride 1, an even one for stride 2."""
 
     batch: Final[bool]
 
@@ -58,9 +99,9 @@ class Conv2d(nn.Module):
         super().__init__()
         self.batch = norm == "batch"
         self.stride = stride
-        self.padding = kernel // 2
-        self.conv = nn.Conv2d(c_in, c_out, kernel, stride, kernel // 2, bias=False)
-        self.norm = normalisation(norm, c_out, 2)
+        self.padding = (kernel - 1) // 2
+        self.conv = nn.Conv2d(c_in, c_out, kernel, stride, (kernel - 1) // 2, bias=False)
+        self.norm = normalisation(norm, c_out, 2, kernel == 1)
 
     def forward(self, x: Tensor) -> Tensor:
         if self.batch:
@@ -82,7 +123,7 @@ class Conv3d(nn.Module):
         self.batch = norm == "batch"
         self.stride = stride
         self.conv = nn.Conv3d(c_in, c_out, 3, stride, 1, bias=False)
-        self.norm = normalisation(norm, c_out, 3)
+        self.norm = normalisation(norm, c_out, 3, False)
 
     def forward(self, x: Tensor) -> Tensor:
         if self.batch:
@@ -103,7 +144,7 @@ class Deconv3d(nn.Module):
         super().__init__()
         self.batch = norm == "batch"
         self.conv = nn.ConvTranspose3d(c_in, c_out, 3, 2, 1, 1, bias=False)
-        self.norm = normalisation(norm, c_out, 3)
+        self.norm = normalisation(norm, c_out, 3, False)
 
     def forward(self, x: Tensor) -> Tensor:
         if self.batch:

@@ -1,6 +1,8 @@
 """The network of Chen et al., "Visibility-Aware Point-Based Multi-View Stereo Network" (TPAMI 2020).
 
-Layer sizes are those of the authors' implementation. The module holds what is learned; the geometry
+Layer sizes are those of the authors' implementation, but for the convolutions that halve the image: 4×4
+instead of 5×5, so that a feature is centred on the pixels it stands for (in the 5×5 ones it sits 0.5, 1.5
+and 3.5 image pixels beside them at the three levels), which is what the geometry around them assumes. The module holds what is learned; the geometry
 between its methods (warping, lifting, neighbours, the reduction over views) is in the Rust crate
 `vamvs-net`. The contract between both is in README.md beside this file.
 """
@@ -12,7 +14,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from layers import Conv1d, Conv2d, Conv3d, Deconv3d, normalisation, scale_shift
+from layers import Conv1d, Conv2d, Conv3d, Deconv3d, Pair1d, normalisation, scale_shift
 
 AGGREGATIONS = ("avg", "max", "var", "vis-avg", "vis-max", "vis-var")
 NEIGHBOURS = 16
@@ -29,9 +31,9 @@ class ImageNet(nn.Module):
         super().__init__()
         a, b, c, d = (channels // thin for channels in (8, *FLOW_CHANNELS))
         self.level0 = nn.Sequential(Conv2d(3, a, 3, 1, norm), Conv2d(a, a, 3, 1, norm))
-        self.level1 = nn.Sequential(Conv2d(a, b, 5, 2, norm), Conv2d(b, b, 3, 1, norm), Conv2d(b, b, 3, 1, norm))
-        self.level2 = nn.Sequential(Conv2d(b, c, 5, 2, norm), Conv2d(c, c, 3, 1, norm), Conv2d(c, c, 3, 1, norm))
-        self.level3 = nn.Sequential(Conv2d(c, d, 5, 2, norm), Conv2d(d, d, 3, 1, norm))
+        self.level1 = nn.Sequential(Conv2d(a, b, 4, 2, norm), Conv2d(b, b, 3, 1, norm), Conv2d(b, b, 3, 1, norm))
+        self.level2 = nn.Sequential(Conv2d(b, c, 4, 2, norm), Conv2d(c, c, 3, 1, norm), Conv2d(c, c, 3, 1, norm))
+        self.level3 = nn.Sequential(Conv2d(c, d, 4, 2, norm), Conv2d(d, d, 3, 1, norm))
         self.last = nn.Conv2d(d, d, 3, padding=1, bias=False)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -91,7 +93,7 @@ class EdgeConv(nn.Module):
         self.chunk = CHUNK
         self.w1 = nn.Linear(c_in, c_out, bias=False)
         self.w2 = nn.Linear(c_in, c_out, bias=False)
-        self.norm = normalisation(norm, 2 * c_out if keep_centre else c_out, 2)
+        self.norm = normalisation(norm, 2 * c_out if keep_centre else c_out, 2, True)
 
     def forward(self, points: Tensor, neighbours: Tensor) -> Tensor:  # (P, C), (P, k) → (P, C')
         if self.batch:
@@ -99,11 +101,28 @@ class EdgeConv(nn.Module):
                 return self.evaluate(points, neighbours)
         p, k = neighbours.shape
         centre = self.w1(points)  # (P, C')
-        edge = self.w2(points)[neighbours] - centre[:, None]  # (P, k, C')
+        near = self.w2(points).index_select(0, neighbours.flatten()).view(p, k, self.c_out)
+        edge = near - centre[:, None]  # (P, k, C')
+        if self.batch:
+            return self.train_batch(centre, edge)
         if self.keep_centre:
             edge = torch.cat((centre[:, None].expand(p, k, self.c_out), edge), dim=2)
         normed = self.norm(edge.permute(2, 0, 1)[None])  # (1, C', P, k)
         return F.relu(normed)[0].mean(dim=2).t()
+
+    def train_batch(self, centre: Tensor, edge: Tensor) -> Tensor:
+        """BatchNorm by the statistics at hand, channel by channel: so W1 F_p, which is the same for all k
+        neighbours, need not be repeated."""
+        n, c = self.norm, self.c_out
+        mean, var = n.running_mean, n.running_var
+        assert mean is not None and var is not None
+        w, b = n.weight, n.bias
+        flat = F.batch_norm(edge.flatten(0, 1), mean[-c:], var[-c:], w[-c:], b[-c:], True)
+        out = F.relu(flat).view(edge.shape).mean(dim=1)
+        if self.keep_centre:
+            first = F.relu(F.batch_norm(centre, mean[:c], var[:c], w[:c], b[:c], True))
+            out = torch.cat((first, out), dim=1)
+        return out
 
     def evaluate(self, points: Tensor, neighbours: Tensor) -> Tensor:
         n, c = self.norm, self.c_out
@@ -140,6 +159,19 @@ class FlowNet(nn.Module):
         third = self.edge3(second, neighbours)
         joined = torch.cat((first, second, third), dim=1)  # (P, 32 + 64 + 128)
         return self.last(self.mlp(joined.t()[None]))[0, 0]
+
+
+class PairMlp(nn.Module):
+    """A shared MLP on pairs of features [a, b]: a (1, A, P), b (B, C, P) → (B, C', P)."""
+
+    def __init__(self, c_a: int, c_b: int, channels: tuple[int, int, int], norm: str) -> None:
+        super().__init__()
+        first, second, last = channels
+        self.pair = Pair1d(c_a, c_b, first, norm)
+        self.rest = nn.Sequential(Conv1d(first, second, norm), Conv1d(second, last, norm))
+
+    def forward(self, a: Tensor, b: Tensor) -> Tensor:
+        return self.rest(self.pair(a, b))
 
 
 class VaPointMvsNet(nn.Module):
@@ -180,17 +212,20 @@ class VaPointMvsNet(nn.Module):
         self.volume = VolumeNet(out, norm, thin)
         self.flow_net = FlowNet((out if self.pairwise else flow_in) + POSITION_CHANNELS, norm, thin)
         if self.pairwise:
-            self.pair_coarse = mlp2d((2 * out, wide, wide, out), norm)
-            layers = zip((2 * flow_in, wide, wide), (wide, wide, out))
-            self.pair_flow = nn.Sequential(*(Conv1d(a, b, norm) for a, b in layers))
+            self.pair_coarse = PairMlp(out, out, (wide, wide, out), norm)
+            self.pair_flow = PairMlp(flow_in, flow_in, (wide, wide, out), norm)
         if self.weighted:
-            self.pair_visibility = mlp2d((2 * out + 1, wide, wide, out), norm)
+            self.pair_visibility = PairMlp(out, out + 1, (wide, wide, out), norm)
             head = mlp2d((out, out, 16 // thin, 4), norm)
             self.visibility_head = nn.Sequential(head, nn.Conv2d(4, 1, 1), nn.Sigmoid())
 
     @torch.jit.export
     def manifest(self) -> str:
         return self.about
+
+    @torch.jit.export
+    def set_manifest(self, about: str) -> None:
+        self.about = about
 
     @torch.jit.export
     def encode_coarse(self, images: Tensor) -> Tensor:
@@ -202,12 +237,13 @@ class VaPointMvsNet(nn.Module):
 
     @torch.jit.export
     def relate(self, ref: Tensor, src: Tensor, depth: Tensor) -> Tensor:
-        pair = torch.cat((ref.expand_as(src), src), dim=1)  # (D, 2C, h, w)
+        d, _, h, w = src.shape
         if self.pairwise:
-            return self.pair_coarse(pair)
+            return self.pair_coarse(ref.flatten(2), src.flatten(2)).view(d, -1, h, w)
         if self.weighted:
-            plane = depth[:, None, None, None].expand(-1, 1, src.shape[2], src.shape[3])
-            return self.pair_visibility(torch.cat((pair, plane), dim=1))
+            plane = depth[:, None, None].expand(d, 1, h * w)
+            seen = torch.cat((src.flatten(2), plane), dim=1)
+            return self.pair_visibility(ref.flatten(2), seen).view(d, -1, h, w)
         raise RuntimeError("this aggregation relates no pairs of views")
 
     @torch.jit.export
@@ -223,7 +259,7 @@ class VaPointMvsNet(nn.Module):
     @torch.jit.export
     def relate_flow(self, ref: Tensor, src: Tensor) -> Tensor:
         if self.pairwise:
-            return self.pair_flow(torch.cat((ref, src), dim=1))
+            return self.pair_flow(ref, src)
         raise RuntimeError("this aggregation relates no pairs of views")
 
     @torch.jit.export

@@ -11,7 +11,5 @@ pub mod rig;
 pub mod scene;
 pub mod shape;
 pub mod texture;
-pub mod truth;
 
 pub use render::{Rendered, render};
-pub use truth::truth_cloud;

@@ -36,6 +36,15 @@ impl EstimatorOptions {
     }
 }
 
+/// What the coarse stage gives.
+#[derive(Debug)]
+pub struct Coarse {
+    /// The depth at 1/8.
+    pub map: PlaneMap,
+    /// vis-var: each source view's mask, (1, 1, h, w) in [0, 1]; else empty.
+    pub visibility: Vec<Tensor>,
+}
+
 /// Estimates depth maps with one network.
 #[derive(Debug)]
 pub struct Estimator {
@@ -58,6 +67,17 @@ impl Estimator {
     #[must_use]
     pub fn network(&self) -> &Network {
         &self.network
+    }
+
+    /// The network, to set its mode or manifest.
+    pub fn network_mut(&mut self) -> &mut Network {
+        &mut self.network
+    }
+
+    /// The network, back.
+    #[must_use]
+    pub fn into_network(self) -> Network {
+        self.network
     }
 
     /// The options.
@@ -101,32 +121,61 @@ impl Estimator {
         planes: &Planes,
         profile: &mut Profile,
     ) -> Result<Vec<PlaneMap>, NetError> {
-        let network = &self.network;
-        let cost = profile
-            .time(Stage::Sweep, || sweep(network, reference, sources, planes, self.options.slab_bytes))?;
-        let visibility = cost.visibility;
-        let volume = cost.volume;
-        let coarse = profile.time(Stage::Regularize, || {
-            let costs = network.regularize(&volume)?;
-            drop(volume);
-            Ok::<_, NetError>(expectation(&costs)?)
-        })?;
-        let mut stages = vec![coarse];
+        let Coarse { map, visibility } = self.coarse(reference, sources, planes, profile)?;
+        let mut stages = vec![map];
         for &iteration in &self.options.iterations {
-            let stage = FlowStage {
-                network,
-                reference,
-                sources,
-                planes,
-                visibility: &visibility,
-                iteration,
-                strip_rows: self.strip_rows(reference),
-            };
+            let stage = self.flow_stage(reference, sources, planes, &visibility, iteration);
             let before = &stages[stages.len() - 1].u;
             let refined = stage.refine(before, profile)?;
             stages.push(refined);
         }
         Ok(stages)
+    }
+
+    /// The coarse map (sections 3.1 and 3.2).
+    ///
+    /// # Errors
+    /// As [`Estimator::estimate`].
+    pub fn coarse(
+        &self,
+        reference: &EncodedView,
+        sources: &[&EncodedView],
+        planes: &Planes,
+        profile: &mut Profile,
+    ) -> Result<Coarse, NetError> {
+        let network = &self.network;
+        let cost = profile
+            .time(Stage::Sweep, || sweep(network, reference, sources, planes, self.options.slab_bytes))?;
+        let visibility = cost.visibility;
+        let volume = cost.volume;
+        let map = profile.time(Stage::Regularize, || {
+            let costs = network.regularize(&volume)?;
+            drop(volume);
+            Ok::<_, NetError>(expectation(&costs)?)
+        })?;
+        Ok(Coarse { map, visibility })
+    }
+
+    /// One flow iteration (sections 3.3 and 3.4), with the masks of the coarse stage.
+    #[must_use]
+    pub fn flow_stage<'a>(
+        &'a self,
+        reference: &'a EncodedView,
+        sources: &'a [&'a EncodedView],
+        planes: &'a Planes,
+        visibility: &'a [Tensor],
+        iteration: Iteration,
+    ) -> FlowStage<'a> {
+        let strip_rows = self.strip_rows(reference);
+        FlowStage {
+            network: &self.network,
+            reference,
+            sources,
+            planes,
+            visibility,
+            iteration,
+            strip_rows,
+        }
     }
 
     /// Rows of a strip that holds `strip_points` points.

@@ -46,29 +46,36 @@ impl FlowStage<'_> {
     pub fn refine(&self, u: &Tensor, profile: &mut Profile) -> Result<PlaneMap, NetError> {
         let size = self.reference.size_at(self.iteration.scale);
         let u = enlarge(u, size)?;
-        let (refined, confidence) = (u.f_zeros_like()?, u.f_zeros_like()?);
+        let map = PlaneMap { u: u.f_zeros_like()?, confidence: u.f_zeros_like()? };
         let step = COARSE_SCALE / self.iteration.scale;
         for y in 0..step {
             for x in 0..step {
-                let lattice = PixelLattice::new(self.iteration.scale, (x, y), step, size);
-                let pick = |map: &Tensor| residue(map, x, y, step);
-                self.refine_lattice(&lattice, &pick(&u)?, &pick(&refined)?, &pick(&confidence)?, profile)?;
+                let part = |map: &Tensor| residue(map, x, y, step);
+                let refined = self.refine_lattice((x, y), &part(&u)?, profile)?;
+                part(&map.u)?.f_copy_(&refined.u)?;
+                part(&map.confidence)?.f_copy_(&refined.confidence)?;
             }
         }
-        Ok(PlaneMap { u: refined, confidence })
+        Ok(map)
     }
 
-    /// Refines a lattice strip by strip, from `u` into `refined` and `confidence`.
-    fn refine_lattice(
+    /// Refines the pixels whose coordinates are ≡ `(x, y)` modulo 8 / scale, which depend on no others:
+    /// their depths (h, w) in plane coordinates, strip by strip.
+    ///
+    /// # Errors
+    /// As [`FlowStage::refine`].
+    pub fn refine_lattice(
         &self,
-        lattice: &PixelLattice,
+        (x, y): (usize, usize),
         u: &Tensor,
-        refined: &Tensor,
-        confidence: &Tensor,
         profile: &mut Profile,
-    ) -> Result<(), NetError> {
+    ) -> Result<PlaneMap, NetError> {
+        let scale = self.iteration.scale;
+        let lattice =
+            PixelLattice::new(scale, (x, y), COARSE_SCALE / scale, self.reference.size_at(scale));
         let rows = lattice.y.len();
         let reach = self.network.manifest().flow_layers * WINDOW_RADIUS;
+        let mut strips = Vec::new();
         for first in (0..rows).step_by(self.strip_rows) {
             let end = (first + self.strip_rows).min(rows);
             let (top, bottom) = (first.saturating_sub(reach), (end + reach).min(rows));
@@ -76,14 +83,13 @@ impl FlowStage<'_> {
             let map =
                 self.refine_strip(&strip, &u.f_narrow(0, top as i64, (bottom - top) as i64)?, profile)?;
             let inner = |map: &Tensor| map.f_narrow(0, (first - top) as i64, (end - first) as i64);
-            let outer = |map: &Tensor| map.f_narrow(0, first as i64, (end - first) as i64);
-            outer(refined)?.f_copy_(&inner(&map.u)?)?;
-            outer(confidence)?.f_copy_(&inner(&map.confidence)?)?;
+            strips.push(PlaneMap { u: inner(&map.u)?, confidence: inner(&map.confidence)? });
         }
-        Ok(())
+        join(strips)
     }
 
-    /// One set of points: hypotheses, features, neighbours, flow (equations of section 3.4).
+    /// One set of points: hypotheses, features, neighbours, flow (equations of section 3.4). No gradient
+    /// flows into the depth before: each iteration learns to improve on what it is given.
     fn refine_strip(
         &self,
         lattice: &PixelLattice,
@@ -93,7 +99,7 @@ impl FlowStage<'_> {
         let Size { width, height } = lattice.size();
         let m = self.network.manifest().hypotheses as i64;
         let hypotheses = 2 * m + 1;
-        let u = u.f_contiguous()?.f_view([1, -1])?;
+        let u = u.f_detach()?.f_contiguous()?.f_view([1, -1])?;
         let offsets = Tensor::f_arange_start(-m, m + 1, (Kind::Float, u.device()))?
             .f_mul_scalar(self.iteration.step)?
             .f_view([-1, 1])?;
@@ -143,10 +149,9 @@ impl FlowStage<'_> {
         let device = depth.device();
         let reference_grid = lattice.grid(self.reference, device)?;
         let reference = fetch_levels(&self.reference.flow, &reference_grid, Outside::Border)?; // (1, C, h·w)
-        let reference = reference.f_expand([hypotheses, -1, -1], false)?;
         let mut reducer = aggregation.reducer();
         if !aggregation.relates_pairs() {
-            reducer.add(&reference, None)?;
+            reducer.add(&reference.f_expand([hypotheses, -1, -1], false)?, None)?;
         }
         for (index, source) in self.sources.iter().enumerate() {
             let projection = Projection::new(lattice, self.reference, source, self.planes.range.near)?;
@@ -191,13 +196,28 @@ fn fetch_levels(levels: &[Tensor; 3], grid: &Tensor, outside: Outside) -> Result
     Tensor::f_cat(&sampled, 1)?.f_flatten(2, 3)
 }
 
+/// Strips of rows as one map.
+fn join(mut strips: Vec<PlaneMap>) -> Result<PlaneMap, NetError> {
+    if strips.len() == 1 {
+        return Ok(strips.remove(0));
+    }
+    let (u, confidence): (Vec<_>, Vec<_>) = strips.into_iter().map(|map| (map.u, map.confidence)).unzip();
+    Ok(PlaneMap { u: Tensor::f_cat(&u, 0)?, confidence: Tensor::f_cat(&confidence, 0)? })
+}
+
 /// The pixels of (h, w) with coordinates ≡ (x, y) modulo `step`, sharing memory.
-fn residue(map: &Tensor, x: usize, y: usize, step: usize) -> Result<Tensor, TchError> {
+///
+/// # Errors
+/// If `map` is not of two dimensions.
+pub fn residue(map: &Tensor, x: usize, y: usize, step: usize) -> Result<Tensor, TchError> {
     map.f_slice(0, y as i64, None, step as i64)?.f_slice(1, x as i64, None, step as i64)
 }
 
 /// Nearest-neighbour upsampling of (h, w).
-pub(crate) fn enlarge(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
+///
+/// # Errors
+/// If memory runs out.
+pub fn enlarge(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
     let target = [size.height as i64, size.width as i64];
     if map.size() == target {
         return Ok(map.shallow_clone());

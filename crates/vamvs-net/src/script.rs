@@ -8,6 +8,15 @@ use tch::{CModule, IValue, Kind, TchError, Tensor};
 use crate::encode::COARSE_SCALE;
 use crate::{Device, Manifest, NetError};
 
+/// How normalisation layers behave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// With the statistics of the data at hand, which the running ones follow.
+    Training,
+    /// With the running statistics, as they are.
+    Evaluation,
+}
+
 /// A network: what is learned, and what it says of itself.
 #[derive(Debug)]
 pub struct Network {
@@ -64,6 +73,48 @@ impl Network {
     #[must_use]
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
+    }
+
+    /// The trainable parameters by name; they share memory with the module's.
+    ///
+    /// # Errors
+    /// If the module does not tell them.
+    pub fn parameters(&self) -> Result<Vec<(String, Tensor)>, NetError> {
+        let mut parameters = self.module.named_parameters()?;
+        parameters.retain(|(_, parameter)| parameter.requires_grad());
+        Ok(parameters)
+    }
+
+    /// Chooses how normalisation layers behave; a network is loaded in [`Mode::Evaluation`].
+    ///
+    /// # Errors
+    /// If the module refuses.
+    pub fn set_mode(&mut self, mode: Mode) -> Result<(), NetError> {
+        match mode {
+            Mode::Training => self.module.f_set_train()?,
+            Mode::Evaluation => self.module.f_set_eval()?,
+        }
+        Ok(())
+    }
+
+    /// Gives the module another manifest, such as one that tells what it was trained on.
+    ///
+    /// # Errors
+    /// If the module has no method `set_manifest`.
+    pub fn set_manifest(&mut self, manifest: Manifest) -> Result<(), NetError> {
+        let text = serde_json::to_string(&manifest).expect("a manifest is plain data");
+        let answer = self.module.method_is("set_manifest", &[IValue::String(text)]);
+        answer.map_err(|source| self.failed("set_manifest", "(JSON string) → nothing", source))?;
+        self.manifest = manifest;
+        Ok(())
+    }
+
+    /// Writes the module with its parameters, statistics and manifest to a `.pt` file.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), NetError> {
+        Ok(self.module.save(path)?)
     }
 
     /// Where the module lives.
@@ -162,10 +213,10 @@ impl Network {
         Ok(costs)
     }
 
-    /// Fetched features of the reference and of a source view (B, C, P) each → (B, C'', P).
+    /// Fetched features of the reference (1, C, P) and of a source view (B, C, P) → (B, C'', P).
     pub(crate) fn relate_flow(&self, reference: &Tensor, source: &Tensor) -> Result<Tensor, NetError> {
         let (b, _, p) = source.size3()?;
-        let expected = "(ref (B, C, P), src (B, C, P)) → (B, C'', P)";
+        let expected = "(ref (1, C, P), src (B, C, P)) → (B, C'', P)";
         let related = self.call("relate_flow", expected, &[reference, source])?;
         self.check("relate_flow", &related, &[Some(b), None, Some(p)])?;
         Ok(related)

@@ -1,0 +1,137 @@
+//! Everything that the next step depends on, in a folder that is there as a whole or not at all.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+use vamvs_io::{IoError, atomic};
+use vamvs_net::{Device, Network};
+
+use crate::optimizer::Optimizer;
+use crate::options::TrainOptions;
+use crate::TrainError;
+
+/// Checkpoints that are kept.
+const KEPT: usize = 3;
+
+const MODULE: &str = "module.pt";
+const OPTIMIZER: &str = "optimizer.safetensors";
+const STATE: &str = "state.json";
+
+/// Where a run is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// Steps done; with the seed it is the position in the data, too.
+    pub step: usize,
+    /// The options that the run began with.
+    pub options: TrainOptions,
+    /// The scenes, by name, that it learns from.
+    pub scenes: Vec<String>,
+    /// The best score so far (see [`crate::Scores::failures`]).
+    pub best: Option<f64>,
+}
+
+/// The checkpoints of a run.
+pub struct Checkpoints {
+    folder: PathBuf,
+}
+
+impl Checkpoints {
+    /// Those in `RUN/checkpoints`.
+    #[must_use]
+    pub fn of(run: &Path) -> Self {
+        Self { folder: run.join("checkpoints") }
+    }
+
+    /// The folder of the last one, if there is any.
+    ///
+    /// # Errors
+    /// If the folder cannot be read.
+    pub fn last(&self) -> Result<Option<PathBuf>, TrainError> {
+        Ok(self.all()?.pop())
+    }
+
+    /// All, in the order of their steps. What was not finished bears another name.
+    fn all(&self) -> Result<Vec<PathBuf>, TrainError> {
+        if !self.folder.is_dir() {
+            return Ok(Vec::new());
+        }
+        let mut found = Vec::new();
+        for entry in fs::read_dir(&self.folder).map_err(|source| system("list", &self.folder, source))? {
+            let path = entry.map_err(|source| system("list", &self.folder, source))?.path();
+            let step = path.file_name().and_then(|name| name.to_str()?.strip_prefix("step-"));
+            if step.is_some_and(|step| step.bytes().all(|byte| byte.is_ascii_digit())) {
+                found.push(path);
+            }
+        }
+        found.sort();
+        Ok(found)
+    }
+
+    /// Writes a checkpoint, then removes the oldest. Returns its folder.
+    ///
+    /// # Errors
+    /// If a file cannot be written; then the checkpoints before are as they were.
+    pub fn save(
+        &self,
+        network: &Network,
+        optimizer: &Optimizer,
+        state: &State,
+    ) -> Result<PathBuf, TrainError> {
+        let folder = self.folder.join(format!("step-{:08}", state.step));
+        let unfinished = self.folder.join(format!("unfinished-{:08}", state.step));
+        if unfinished.exists() {
+            fs::remove_dir_all(&unfinished).map_err(|source| system("remove", &unfinished, source))?;
+        }
+        fs::create_dir_all(&unfinished).map_err(|source| system("make the folder", &unfinished, source))?;
+        network.save(&unfinished.join(MODULE))?;
+        Tensor::write_safetensors(&optimizer.state(), unfinished.join(OPTIMIZER))?;
+        write_json(&unfinished.join(STATE), state)?;
+        if folder.exists() {
+            fs::remove_dir_all(&folder).map_err(|source| system("remove", &folder, source))?;
+        }
+        fs::rename(&unfinished, &folder).map_err(|source| system("rename", &unfinished, source))?;
+        let all = self.all()?;
+        for old in &all[..all.len().saturating_sub(KEPT)] {
+            fs::remove_dir_all(old).map_err(|source| system("remove", old, source))?;
+        }
+        Ok(folder)
+    }
+}
+
+/// The network of a checkpoint.
+///
+/// # Errors
+/// If the folder is not a whole checkpoint.
+pub fn load_network(folder: &Path, device: Device) -> Result<Network, TrainError> {
+    Ok(Network::load(&folder.join(MODULE), device)?)
+}
+
+/// The rest of a checkpoint: gives the optimiser its memory, returns where the run was.
+///
+/// # Errors
+/// If the folder is not a whole checkpoint of this network.
+pub fn load_state(folder: &Path, optimizer: &mut Optimizer) -> Result<State, TrainError> {
+    let tensors = Tensor::read_safetensors(folder.join(OPTIMIZER))?;
+    optimizer.set_state(&tensors).map_err(|problem| TrainError::Run {
+        folder: folder.to_owned(),
+        problem: format!("{OPTIMIZER} belongs to another network: {problem}"),
+    })?;
+    let path = folder.join(STATE);
+    let text = fs::read_to_string(&path).map_err(|source| system("read", &path, source))?;
+    serde_json::from_str(&text).map_err(|error| TrainError::Run {
+        folder: folder.to_owned(),
+        problem: format!("{STATE} is not the state of a run of this version: {error}"),
+    })
+}
+
+/// Writes JSON with line breaks.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), TrainError> {
+    let text = serde_json::to_string_pretty(value).expect("the value is plain data");
+    Ok(atomic::write(path, |out| writeln!(out, "{text}"))?)
+}
+
+pub(crate) fn system(action: &'static str, path: &Path, source: std::io::Error) -> TrainError {
+    TrainError::Io(IoError::System { action, path: path.to_owned(), source })
+}

@@ -1,0 +1,219 @@
+//! The log of a run: one JSON object a line, and its curves as a page.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use vamvs_io::atomic;
+
+use crate::TrainError;
+use crate::checkpoint::system;
+use crate::event::{StepRecord, TrainEvent, ValidationRecord};
+
+/// Points of a curve; steps between them are averaged.
+const POINTS: usize = 300;
+/// Size of a diagram.
+const WIDTH: f64 = 720.0;
+const HEIGHT: f64 = 260.0;
+/// Colours of the curves: coarse first, then iterations, then what is left.
+const COLOURS: [&str; 6] = ["#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b"];
+
+/// The log of a run.
+pub struct Log {
+    path: PathBuf,
+    file: File,
+    steps: Vec<StepRecord>,
+    validations: Vec<ValidationRecord>,
+}
+
+impl Log {
+    /// Opens the log of a run that has done `step` steps; what it holds of later ones, from before it
+    /// was interrupted, is dropped.
+    ///
+    /// # Errors
+    /// If the file cannot be read or written.
+    pub fn open(path: &Path, step: usize) -> Result<Self, TrainError> {
+        let text = if path.is_file() {
+            fs::read_to_string(path).map_err(|source| system("read", path, source))?
+        } else {
+            String::new()
+        };
+        let kept: Vec<&str> = text.lines().filter(|line| is_of_first(line, step)).collect();
+        atomic::write(path, |out| kept.iter().try_for_each(|line| writeln!(out, "{line}")))?;
+        let file = OpenOptions::new().append(true).open(path);
+        let mut log = Self {
+            path: path.to_owned(),
+            file: file.map_err(|source| system("open", path, source))?,
+            steps: Vec::new(),
+            validations: Vec::new(),
+        };
+        kept.iter().for_each(|line| log.remember(line));
+        Ok(log)
+    }
+
+    fn remember(&mut self, line: &str) {
+        let Ok(value) = serde_json::from_str::<Value>(line) else { return };
+        match value["event"].as_str() {
+            Some("step") => self.steps.extend(serde_json::from_value::<StepRecord>(value).ok()),
+            Some("validated") => self.validations.extend(serde_json::from_value(value).ok()),
+            _ => {}
+        }
+    }
+
+    /// Adds a line.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn add(&mut self, event: &TrainEvent) -> Result<(), TrainError> {
+        match event {
+            TrainEvent::Step(record) => self.steps.push(record.clone()),
+            TrainEvent::Validated(record) => self.validations.push(record.clone()),
+            TrainEvent::Begun { .. } | TrainEvent::Saved { .. } => {}
+        }
+        let line = serde_json::to_string(event).expect("events are plain data");
+        writeln!(self.file, "{line}").map_err(|source| system("write", &self.path, source))
+    }
+
+    /// Draws the curves as a page that needs no other file.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn draw(&self, path: &Path) -> Result<(), TrainError> {
+        let diagrams = [
+            diagram("Loss of each stage, in its hypotheses' distance", &self.losses()),
+            diagram("Failures: share of validation pixels off by more than 1 % of the depth", &self.failures()),
+            diagram("Share of validation pixels within d", &self.within()),
+            diagram("Learning rate", &[curve("learning rate", &self.steps, |r| Some(r.learning_rate))]),
+        ];
+        let head = "<!doctype html><meta charset=utf-8><title>Training</title>\
+            <style>body{font:15px sans-serif;margin:2em;max-width:760px}text{font:12px sans-serif}</style>";
+        Ok(atomic::write(path, |out| {
+            writeln!(out, "{head}<h1>Training, {} steps</h1>", self.steps.last().map_or(0, |r| r.step))?;
+            diagrams.iter().try_for_each(|diagram| writeln!(out, "{diagram}"))
+        })?)
+    }
+
+    fn losses(&self) -> Vec<Curve> {
+        let stages = self.steps.iter().map(|record| record.stages.len()).max().unwrap_or(0);
+        let of_stage = |i: usize| {
+            curve(&stage_name(i), &self.steps, move |record| record.stages.get(i).copied().flatten())
+        };
+        (0..stages).map(of_stage).collect()
+    }
+
+    fn failures(&self) -> Vec<Curve> {
+        self.measured(|scores| {
+            scores.stages.iter().map(|stage| stage.overall.share(stage.overall.failures)).collect()
+        })
+    }
+
+    fn within(&self) -> Vec<Curve> {
+        self.measured(|scores| {
+            scores.stages.iter().map(|stage| stage.overall.share(stage.overall.within_d)).collect()
+        })
+    }
+
+    fn measured(&self, values: impl Fn(&crate::Scores) -> Vec<f64>) -> Vec<Curve> {
+        let stages = self.validations.first().map_or(0, |record| record.scores.stages.len());
+        let of_stage = |i: usize| Curve {
+            name: stage_name(i),
+            points: self.validations.iter().map(|r| (r.step as f64, values(&r.scores)[i])).collect(),
+        };
+        (0..stages).map(of_stage).collect()
+    }
+}
+
+/// Whether a line is of the first `step` steps.
+fn is_of_first(line: &str, step: usize) -> bool {
+    let value: Value = serde_json::from_str(line).unwrap_or(Value::Null);
+    value["step"].as_u64().is_some_and(|of| of <= step as u64)
+}
+
+fn stage_name(stage: usize) -> String {
+    if stage == 0 { "coarse".to_owned() } else { format!("iteration {stage}") }
+}
+
+struct Curve {
+    name: String,
+    points: Vec<(f64, f64)>,
+}
+
+/// A curve of means over equally many steps.
+fn curve(name: &str, steps: &[StepRecord], value: impl Fn(&StepRecord) -> Option<f64>) -> Curve {
+    let mean = |records: &[StepRecord]| {
+        let known: Vec<f64> = records.iter().filter_map(&value).collect();
+        let step = records.last()?.step as f64;
+        (!known.is_empty()).then(|| (step, known.iter().sum::<f64>() / known.len() as f64))
+    };
+    let points = steps.chunks(steps.len().div_ceil(POINTS).max(1)).filter_map(mean).collect();
+    Curve { name: name.to_owned(), points }
+}
+
+/// A diagram of curves over steps, from 0 to their largest value but for the first twentieth.
+fn diagram(title: &str, curves: &[Curve]) -> String {
+    let points = || curves.iter().flat_map(|curve| &curve.points);
+    let last = points().map(|point| point.0).fold(1.0, f64::max);
+    let settled = points().filter(|point| point.0 > 0.05 * last).map(|point| point.1);
+    let top = settled.fold(f64::MIN_POSITIVE, f64::max);
+    let (x, y) = (|step: f64| 50.0 + step / last * (WIDTH - 60.0), |v: f64| {
+        HEIGHT - 25.0 - (v / top).clamp(0.0, 1.05) * (HEIGHT - 50.0)
+    });
+    let mut svg = format!("<h2>{title}</h2><svg width={WIDTH} height={HEIGHT}>");
+    for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
+        let (value, height) = (share * top, y(share * top));
+        svg += &format!("<path d='M50 {height}H{WIDTH}' stroke='#ddd'/><text y={height}>{value:.3}</text>");
+    }
+    svg += &format!("<text x={} y={HEIGHT}>{last} steps</text>", WIDTH - 90.0);
+    for (index, Curve { name, points }) in curves.iter().enumerate() {
+        let colour = COLOURS[index % COLOURS.len()];
+        let path: Vec<String> = points.iter().map(|&(a, b)| format!("{:.1},{:.1}", x(a), y(b))).collect();
+        svg += &format!("<polyline fill=none stroke='{colour}' points='{}'/>", path.join(" "));
+        let left = 60 + 110 * index;
+        svg += &format!("<text x={left} y=14 fill='{colour}'>{name}</text>");
+    }
+    svg + "</svg>"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(step: usize) -> StepRecord {
+        StepRecord {
+            step,
+            loss: 1.0 / step as f64,
+            stages: vec![Some(1.0 / step as f64), None],
+            visibility: None,
+            gradient: 1.0,
+            learning_rate: 1e-3,
+            seconds: 0.1,
+            waited: 0.0,
+        }
+    }
+
+    #[test]
+    fn a_log_goes_on_where_the_checkpoint_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.jsonl");
+        let mut log = Log::open(&path, 0).unwrap();
+        (1..=10).for_each(|step| log.add(&TrainEvent::Step(record(step))).unwrap());
+        let mut log = Log::open(&path, 6).unwrap();
+        log.add(&TrainEvent::Step(record(7))).unwrap();
+        assert_eq!(log.steps.iter().map(|record| record.step).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6, 7]);
+        assert_eq!(fs::read_to_string(&path).unwrap().lines().count(), 7);
+        let page = folder.path().join("curves.html");
+        log.draw(&page).unwrap();
+        let page = fs::read_to_string(&page).unwrap();
+        assert!(page.contains("7 steps") && page.contains("<polyline") && !page.contains("NaN"));
+    }
+
+    #[test]
+    fn curves_average_and_leave_out_what_is_unknown() {
+        let steps: Vec<_> = (1..=600).map(record).collect();
+        let coarse = curve("coarse", &steps, |record| record.stages[0]);
+        assert_eq!(coarse.points.len(), 300);
+        assert!((coarse.points[0].1 - 0.75).abs() < 1e-12);
+        assert!(curve("none", &steps, |record| record.stages[1]).points.is_empty());
+    }
+}

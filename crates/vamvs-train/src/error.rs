@@ -1,0 +1,64 @@
+//! What can go wrong in training.
+
+use std::path::PathBuf;
+
+use tch::TchError;
+use vamvs_io::IoError;
+use vamvs_net::NetError;
+
+/// An error of the training crate.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// A file of the data or of the run.
+    #[error(transparent)]
+    Io(#[from] IoError),
+    /// The network.
+    #[error(transparent)]
+    Net(#[from] NetError),
+    /// A folder holds no scene with true depths.
+    #[error("{}: {problem}; expected scenes of `vamvs synth`, or BlendedMVS's or DTU's training set", folder.display())]
+    NoScenes {
+        /// The folder.
+        folder: PathBuf,
+        /// What was found.
+        problem: String,
+    },
+    /// An option that makes no sense.
+    #[error("{name} must be {expected}, got {found}")]
+    Option {
+        /// Its name.
+        name: &'static str,
+        /// What it may be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
+    /// A run that does not fit its folder.
+    #[error("{}: {problem}", folder.display())]
+    Run {
+        /// The run's folder.
+        folder: PathBuf,
+        /// What is wrong and what to do.
+        problem: String,
+    },
+    /// The loss is no number any more.
+    #[error(
+        "the loss became {loss} at step {step}: lower the learning rate, or go on from an earlier checkpoint"
+    )]
+    Diverged {
+        /// The step.
+        step: usize,
+        /// The loss.
+        loss: f64,
+    },
+    /// A tensor operation failed: out of memory, as a rule.
+    #[error("a tensor operation failed (out of memory? try a smaller crop, fewer views or fewer planes)")]
+    Tensor(#[from] TchError),
+}
+
+impl TrainError {
+    /// The error of an option.
+    pub(crate) fn option(name: &'static str, expected: impl ToString, found: impl ToString) -> Self {
+        Self::Option { name, expected: expected.to_string(), found: found.to_string() }
+    }
+}

@@ -1,0 +1,157 @@
+//! The network on a sample, stage by stage, with gradients.
+//!
+//! Fine maps are learnt from one lattice of pixels (see [`vamvs_net::point_flow`]): a pixel's depth
+//! depends on its own lattice alone, and the pixel of one lattice at 1/2 on one lattice at 1/4 and the
+//! whole map at 1/8. So all iterations cost as much as one at 1/8, and their results are exactly those of
+//! the whole maps at these pixels.
+
+use tch::Tensor;
+use vamvs_net::encode::COARSE_SCALE;
+use vamvs_net::{Estimator, Iteration, Profile};
+
+use crate::TrainError;
+use crate::sample::Sample;
+
+/// What a stage gives, with the truth at the same pixels.
+pub struct StageOutput {
+    /// (h, w), plane coordinates.
+    pub u: Tensor,
+    /// (h, w), the depth that the stage was given; `None` for the coarse stage.
+    pub before: Option<Tensor>,
+    /// (h, w), NaN where unknown.
+    pub truth: Tensor,
+    /// The distance between its hypotheses, in plane distances (s).
+    pub step: f64,
+}
+
+/// What all stages give.
+pub struct Output {
+    /// Coarse first.
+    pub stages: Vec<StageOutput>,
+    /// vis-var: each source view's mask (h, w) in [0, 1] with its truth, where that is known.
+    pub visibility: Vec<(Tensor, Tensor)>,
+}
+
+/// Runs the coarse stage, and the flow iterations too if `flow`.
+///
+/// # Errors
+/// If the module breaks its contract, a file is wrong, or memory runs out.
+pub fn forward(
+    estimator: &Estimator,
+    sample: &Sample,
+    flow: bool,
+    profile: &mut Profile,
+) -> Result<Output, TrainError> {
+    let network = estimator.network();
+    let views = sample.photos.iter().map(|photo| network.encode(photo)).collect::<Result<Vec<_>, _>>()?;
+    let (reference, sources) = (&views[0], views[1..].iter().collect::<Vec<_>>());
+    let coarse = estimator.coarse(reference, &sources, &sample.planes, profile)?;
+    let all = Lattice { scale: COARSE_SCALE, first: (0, 0) };
+    let mut u = coarse.map.u.shallow_clone();
+    let mut stages = vec![StageOutput {
+        truth: all.truth(sample, &u)?,
+        u: coarse.map.u,
+        before: None,
+        step: 1.0,
+    }];
+    let iterations: &[Iteration] = if flow { &estimator.options().iterations } else { &[] };
+    let finest = iterations.last().map_or(COARSE_SCALE, |iteration| iteration.scale);
+    for &iteration in iterations {
+        let lattice = Lattice::of(iteration.scale, finest, sample.lattice);
+        let stage = estimator.flow_stage(reference, &sources, &sample.planes, &coarse.visibility, iteration);
+        let refined = stage.refine_lattice(lattice.first, &u, profile)?.u;
+        stages.push(StageOutput {
+            truth: lattice.truth(sample, &refined)?,
+            u: refined.shallow_clone(),
+            before: Some(u.detach()),
+            step: iteration.step,
+        });
+        u = refined;
+    }
+    let visibility = coarse.visibility.iter().enumerate();
+    let visibility = visibility.filter_map(|(source, mask)| {
+        let mask = mask.squeeze_dim(0).squeeze_dim(0);
+        all.seen(sample, source, &mask).map(|truth| Ok((mask, truth?)))
+    });
+    Ok(Output { visibility: visibility.collect::<Result<_, TrainError>>()?, stages })
+}
+
+/// Pixels of a map at 1/scale whose coordinates are ≡ `first` modulo 8 / scale.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Lattice {
+    scale: usize,
+    first: (usize, usize),
+}
+
+impl Lattice {
+    /// The lattice at `scale` that contains the parents of one lattice at the finest scale, which two
+    /// numbers in [0, 1) choose.
+    fn of(scale: usize, finest: usize, choice: [f64; 2]) -> Self {
+        let chosen = choice.map(|share| (share * (COARSE_SCALE / finest) as f64) as usize);
+        let [x, y] = chosen.map(|first| first * finest / scale);
+        Self { scale, first: (x, y) }
+    }
+
+    /// Image coordinates of the centres of `count` of the lattice's pixels along an axis.
+    fn centres(self, first: usize, count: i64) -> Vec<f64> {
+        let step = COARSE_SCALE / self.scale;
+        (0..count as usize).map(|k| ((first + k * step) as f64 + 0.5) * self.scale as f64).collect()
+    }
+
+    fn places(self, like: &Tensor) -> Result<[Vec<f64>; 2], TrainError> {
+        let (height, width) = like.size2()?;
+        Ok([self.centres(self.first.0, width), self.centres(self.first.1, height)])
+    }
+
+    /// The true plane coordinates at the pixels of a map.
+    fn truth(self, sample: &Sample, like: &Tensor) -> Result<Tensor, TrainError> {
+        let [xs, ys] = self.places(like)?;
+        let truth = sample.truth.coordinates(&xs, &ys, &sample.planes);
+        Ok(Tensor::f_from_slice(&truth)?.f_view_as(like)?.f_to_device(like.device())?)
+    }
+
+    /// 1 where a source view sees what a pixel shows, 0 where not, NaN where nothing is known.
+    fn seen(self, sample: &Sample, source: usize, like: &Tensor) -> Option<Result<Tensor, TrainError>> {
+        use vamvs_core::Visibility::{None, Visible};
+        let places = match self.places(like) {
+            Ok(places) => places,
+            Err(error) => return Some(Err(error)),
+        };
+        let seen = sample.truth.seen(source, &places[0], &places[1])?;
+        let value = |seen| match seen {
+            None => f32::NAN,
+            Visible => 1.0,
+            _ => 0.0,
+        };
+        let values: Vec<f32> = seen.into_iter().map(value).collect();
+        let tensor = || Ok(Tensor::f_from_slice(&values)?.f_view_as(like)?.f_to_device(like.device())?);
+        Some(tensor())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lattices_of_all_scales_hold_the_parents_of_the_finest_pixels() {
+        for choice in [[0.0, 0.0], [0.3, 0.6], [0.99, 0.5]] {
+            let fine = Lattice::of(2, 2, choice);
+            for scale in [8, 4, 2] {
+                let lattice = Lattice::of(scale, 2, choice);
+                let step = COARSE_SCALE / scale;
+                for k in 0..3 {
+                    let parent = (fine.first.0 + 4 * k) * 2 / scale;
+                    assert_eq!(parent, lattice.first.0 + k * step, "column {k} at 1/{scale}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn centres_are_in_image_coordinates() {
+        let lattice = Lattice { scale: 2, first: (3, 0) };
+        assert_eq!(lattice.centres(3, 2), [7.0, 15.0]);
+        assert_eq!(Lattice { scale: 8, first: (0, 0) }.centres(0, 2), [4.0, 12.0]);
+    }
+}

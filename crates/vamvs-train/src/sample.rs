@@ -1,0 +1,309 @@
+//! One sample: a cut-out of a reference view with sources, its planes and its truth.
+
+use nalgebra::Vector2;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use vamvs_core::depth_map::is_valid;
+use vamvs_core::lift::lift;
+use vamvs_core::roi::PixelBox;
+use vamvs_core::{DepthRange, Grid, Photo, Pinhole, Planes, Size, Spacing};
+use vamvs_io::{image, pfm, visibility};
+
+use crate::augment::retake;
+use crate::dataset::{Dataset, TrainingScene, TrainingView};
+use crate::options::SampleOptions;
+use crate::truth::Truth;
+use crate::validate::Validation;
+use crate::TrainError;
+
+/// How much larger than the reference's the cut-outs of source views are.
+const SOURCE_MARGIN: f64 = 1.2;
+/// Share of the reference's cut-out that must have a true depth, and how often another place is tried.
+const LEAST_KNOWN: f64 = 0.3;
+const TRIES: usize = 8;
+/// Shares of the true depths beyond the ends of a range.
+const OUTLIERS: f64 = 0.002;
+/// Every so many-th stored pixel, in both directions, tells the range.
+const STRIDE: usize = 4;
+/// Share of samples whose planes are spaced otherwise than a run would choose.
+const OTHER_SPACING: f64 = 0.25;
+
+/// What the network is shown and what it should answer.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Reference first, then the sources.
+    pub photos: Vec<Photo>,
+    /// The planes.
+    pub planes: Planes,
+    /// The reference's truth.
+    pub truth: Truth,
+    /// Two random numbers in [0, 1) for the forward pass: which pixels of fine maps it learns from.
+    pub lattice: [f64; 2],
+}
+
+/// Draws sample `number` of a run: a function of the seed and the number alone.
+///
+/// # Errors
+/// If a file cannot be read, or a reference view has no true depth at all.
+pub fn draw(dataset: &Dataset, options: &SampleOptions, seed: u64, number: u64) -> Result<Sample, TrainError> {
+    let mut rng = Pcg64::seed_from_u64(seed ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(17));
+    let references = dataset.references();
+    let (scene, reference) = references[rng.random_range(0..references.len())];
+    let scene = &dataset.scenes[scene];
+    let sources = choose_sources(&scene.sources[reference], options.views, &mut rng);
+    let depth = pfm::read_depth(&scene.views[reference].depth)?;
+    let cut = cut_reference(&scene.views[reference], &depth, options, &mut rng)?;
+    let mut photos = vec![photo(&scene.views[reference], &cut, options, &mut rng)?];
+    for &source in &sources {
+        let cut = cut_source(scene, (reference, source), &cut, &depth);
+        photos.push(photo(&scene.views[source], &cut, options, &mut rng)?);
+    }
+    let planes = planes(&depth, &photos, options, &scene.views[reference], &mut rng)?;
+    let truth = truth(&scene.views[reference], depth, &sources, &cut)?;
+    Ok(Sample { photos, planes, truth, lattice: [rng.random(), rng.random()] })
+}
+
+/// A random number of sources, in random order.
+fn choose_sources(sources: &[usize], [fewest, most]: [usize; 2], rng: &mut impl Rng) -> Vec<usize> {
+    let mut left = sources.to_vec();
+    let count = rng.random_range(fewest..=most).saturating_sub(1).clamp(1, left.len());
+    (0..count).map(|_| left.remove(rng.random_range(0..left.len()))).collect()
+}
+
+/// A part of a photograph and the size to which it is brought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Cut {
+    part: PixelBox,
+    size: Size,
+}
+
+impl Cut {
+    /// A part of `extent` pixels with its middle as near to `middle` as the image allows.
+    fn around(middle: [f64; 2], extent: [f64; 2], scale: f64, image: Size) -> Self {
+        let side = |middle: f64, extent: f64, whole: usize| {
+            let extent = (extent.round() as usize).clamp(1, whole);
+            let first = (middle - 0.5 * extent as f64).round().clamp(0.0, (whole - extent) as f64) as usize;
+            (first, first + extent, ((extent as f64 * scale).round() as usize).max(32))
+        };
+        let (x0, x1, width) = side(middle[0], extent[0], image.width);
+        let (y0, y1, height) = side(middle[1], extent[1], image.height);
+        Self { part: PixelBox { x0, y0, x1, y1 }, size: Size::new(width, height) }
+    }
+
+    fn extent(&self) -> [f64; 2] {
+        [(self.part.x1 - self.part.x0) as f64, (self.part.y1 - self.part.y0) as f64]
+    }
+
+    /// Size of the result in pixels of the part.
+    fn scale(&self) -> [f64; 2] {
+        let [width, height] = self.extent();
+        [self.size.width as f64 / width, self.size.height as f64 / height]
+    }
+
+    fn camera(&self, camera: &Pinhole) -> Pinhole {
+        let [sx, sy] = self.scale();
+        let cropped = camera.intrinsics.cropped(self.part.x0 as f64, self.part.y0 as f64);
+        Pinhole { size: self.size, intrinsics: cropped.scaled(sx, sy) }
+    }
+
+    fn image(&self, image: &Grid<vamvs_core::Rgb>) -> Grid<vamvs_core::Rgb> {
+        let PixelBox { x0, y0, x1, y1 } = self.part;
+        let part = Grid::from_fn(Size::new(x1 - x0, y1 - y0), |x, y| image[(x0 + x, y0 + y)]);
+        if part.size() == self.size { part } else { image::resize(&part, self.size) }
+    }
+}
+
+/// A random place of the reference at a random scale, where enough truth is known.
+fn cut_reference(
+    view: &TrainingView,
+    depth: &Grid<f32>,
+    options: &SampleOptions,
+    rng: &mut impl Rng,
+) -> Result<Cut, TrainError> {
+    let image = view.camera.size;
+    let fitting = (0..2)
+        .map(|axis| [image.width, image.height][axis] as f64 / options.crop[axis] as f64)
+        .fold(f64::INFINITY, f64::min);
+    // A crop larger than the image takes the whole of it, enlarged.
+    let most = fitting.min(1.0 / options.min_scale);
+    let step = if most > 1.0 { rng.random_range(1.0..=most) } else { most };
+    let extent = options.crop.map(|side| side as f64 * step);
+    let mut best = None;
+    for _ in 0..TRIES {
+        let middle = [image.width, image.height].map(|side| side as f64 * rng.random::<f64>());
+        let mut cut = Cut::around(middle, extent, 1.0, image);
+        cut.size = Size::new(options.crop[0], options.crop[1]);
+        let known = known_share(&cut, view, depth);
+        if best.is_none_or(|(share, _)| known > share) {
+            best = Some((known, cut));
+        }
+        if known >= LEAST_KNOWN {
+            break;
+        }
+    }
+    let (known, cut) = best.expect("there is one try at least");
+    if known == 0.0 {
+        let problem = "expected true depths greater than 0, found none".to_owned();
+        return Err(TrainError::NoScenes { folder: view.depth.clone(), problem });
+    }
+    Ok(cut)
+}
+
+/// Stored pixels in a pixel of the photograph, along both axes.
+fn stored_step(view: &TrainingView, depth: &Grid<f32>) -> [f64; 2] {
+    let (image, stored) = (view.camera.size, depth.size());
+    [stored.width as f64 / image.width as f64, stored.height as f64 / image.height as f64]
+}
+
+/// Places in the middles of a lattice of cells over a cut-out, in the photograph's coordinates, and their
+/// true depths.
+fn probes<'a>(
+    cut: &'a Cut,
+    view: &TrainingView,
+    depth: &'a Grid<f32>,
+) -> impl Iterator<Item = (Vector2<f64>, f32)> + 'a {
+    const CELLS: usize = 12;
+    let (step, [width, height]) = (stored_step(view, depth), cut.extent());
+    (0..CELLS * CELLS).map(move |cell| {
+        let at = |i: usize| (i as f64 + 0.5) / CELLS as f64;
+        let x = cut.part.x0 as f64 + at(cell % CELLS) * width;
+        let y = cut.part.y0 as f64 + at(cell / CELLS) * height;
+        let stored = depth.get((x * step[0]) as usize, (y * step[1]) as usize);
+        (Vector2::new(x, y), stored.copied().unwrap_or(0.0))
+    })
+}
+
+fn known_share(cut: &Cut, view: &TrainingView, depth: &Grid<f32>) -> f64 {
+    let known: Vec<bool> = probes(cut, view, depth).map(|(_, depth)| is_valid(depth)).collect();
+    known.iter().filter(|known| **known).count() as f64 / known.len() as f64
+}
+
+/// The part of a source view around what the reference's cut-out shows.
+fn cut_source(
+    scene: &TrainingScene,
+    (reference, source): (usize, usize),
+    cut: &Cut,
+    depth: &Grid<f32>,
+) -> Cut {
+    let (from, to) = (&scene.views[reference], &scene.views[source]);
+    let source_from_reference = to.cam_from_world.compose(&from.cam_from_world.inverse());
+    let mut seen: [Vec<f64>; 2] = Default::default();
+    for (pixel, depth) in probes(cut, from, depth).filter(|(_, depth)| is_valid(*depth)) {
+        let in_source = source_from_reference.transform(&lift(&from.camera, &pixel, f64::from(depth)));
+        if in_source.z > 0.0 {
+            let pixel = to.camera.intrinsics.project(&in_source);
+            seen[0].push(pixel.x);
+            seen[1].push(pixel.y);
+        }
+    }
+    let whole = [to.camera.size.width, to.camera.size.height];
+    let middle = [0, 1].map(|axis| median(&mut seen[axis]).unwrap_or(0.5 * whole[axis] as f64));
+    let scale = cut.scale();
+    Cut::around(middle, cut.extent().map(|side| SOURCE_MARGIN * side), scale[0], to.camera.size)
+}
+
+fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+fn photo(
+    view: &TrainingView,
+    cut: &Cut,
+    options: &SampleOptions,
+    rng: &mut impl Rng,
+) -> Result<Photo, TrainError> {
+    let image = cut.image(&image::load_rgb(&view.image)?);
+    let image = if options.augment { retake(&image, rng) } else { image };
+    Ok(Photo { camera: cut.camera(&view.camera), cam_from_world: view.cam_from_world, image, mask: None })
+}
+
+/// Planes as a run would choose them for a range that is not quite the truth's.
+fn planes(
+    depth: &Grid<f32>,
+    photos: &[Photo],
+    options: &SampleOptions,
+    view: &TrainingView,
+    rng: &mut impl Rng,
+) -> Result<Planes, TrainError> {
+    let range = true_range(depth, view)?;
+    let mut jitter = |low: f64, high: f64| (options.range_jitter * rng.random_range(low..=high)).exp();
+    let range = DepthRange { near: range.near * jitter(-1.0, 0.1), far: range.far * jitter(-0.1, 1.0) };
+    let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
+    let fitting = Planes::fitting(range, cameras[0], &cameras[1..], options.max_planes);
+    let count = (fitting.count as f64 * rng.random_range(0.7..=1.3)) as usize;
+    let count = count.next_multiple_of(8).clamp(8, options.max_planes);
+    let spacing = match (fitting.spacing, rng.random_bool(OTHER_SPACING)) {
+        (Spacing::Depth, false) | (Spacing::InverseDepth, true) => Spacing::Depth,
+        (Spacing::Depth, true) | (Spacing::InverseDepth, false) => Spacing::InverseDepth,
+    };
+    Ok(Planes { range, count, spacing })
+}
+
+/// The range of a view's true depths without outliers.
+fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, TrainError> {
+    let rows = (0..depth.height()).step_by(STRIDE);
+    let known = |y: usize| depth.row(y).iter().step_by(STRIDE).copied().filter(|&depth| is_valid(depth));
+    let mut depths: Vec<f32> = rows.flat_map(known).collect();
+    depths.sort_by(f32::total_cmp);
+    let at = |share: f64| depths.get(((depths.len() - 1) as f64 * share).round() as usize);
+    let ends = (!depths.is_empty()).then(|| (at(OUTLIERS), at(1.0 - OUTLIERS)));
+    let range = ends.and_then(|(near, far)| {
+        let (near, far) = (f64::from(*near?), f64::from(*far?));
+        DepthRange::try_new(near * (1.0 - 1e-3), far * (1.0 + 1e-3)).ok()
+    });
+    range.ok_or_else(|| {
+        let problem = "expected true depths greater than 0, found none".to_owned();
+        TrainError::NoScenes { folder: view.depth.clone(), problem }
+    })
+}
+
+fn truth(
+    view: &TrainingView,
+    depth: Grid<f32>,
+    sources: &[usize],
+    cut: &Cut,
+) -> Result<Truth, TrainError> {
+    let step = stored_step(view, &depth);
+    let tiles = match &view.visibility {
+        Some(path) => visibility::read(path, depth.size())?,
+        None => Vec::new(),
+    };
+    let visibility = sources.iter().filter_map(|&source| tiles.get(source).cloned()).collect();
+    let [sx, sy] = cut.scale();
+    Ok(Truth {
+        depth,
+        visibility,
+        origin: [cut.part.x0 as f64 * step[0], cut.part.y0 as f64 * step[1]],
+        step: [step[0] / sx, step[1] / sy],
+    })
+}
+
+/// A reference view as a run would see it: with its best sources, whole, unaltered, on planes for a range
+/// a tenth wider than the truth's.
+///
+/// # Errors
+/// As [`draw`].
+pub fn whole(scene: &TrainingScene, reference: usize, options: &Validation) -> Result<Sample, TrainError> {
+    const WIDER: f64 = 1.1;
+    let view = &scene.views[reference];
+    let sources: Vec<usize> = scene.sources[reference].iter().copied().take(options.views - 1).collect();
+    let cut = |view: &TrainingView| {
+        let Size { width, height } = view.camera.size;
+        let scale = (options.max_size as f64 / width.max(height) as f64).min(1.0);
+        let whole = [width as f64, height as f64];
+        Cut::around(whole.map(|side| 0.5 * side), whole, scale, view.camera.size)
+    };
+    let photos = std::iter::once(&reference).chain(&sources).map(|&index| {
+        let (view, cut) = (&scene.views[index], cut(&scene.views[index]));
+        let image = cut.image(&image::load_rgb(&view.image)?);
+        Ok(Photo { camera: cut.camera(&view.camera), cam_from_world: view.cam_from_world, image, mask: None })
+    });
+    let photos = photos.collect::<Result<Vec<_>, TrainError>>()?;
+    let depth = pfm::read_depth(&view.depth)?;
+    let range = true_range(&depth, view)?;
+    let range = DepthRange { near: range.near / WIDER, far: range.far * WIDER };
+    let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
+    let planes = Planes::fitting(range, cameras[0], &cameras[1..], options.max_planes);
+    Ok(Sample { photos, planes, truth: truth(view, depth, &sources, &cut(view))?, lattice: [0.0; 2] })
+}

@@ -1,0 +1,235 @@
+//! The round of training: sample, stages, loss, step; checkpoints and measurements between.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use tch::Tensor;
+use vamvs_io::atomic::AtomicFile;
+use vamvs_net::{Estimator, EstimatorOptions, Mode, Network, Profile};
+
+use crate::checkpoint::{Checkpoints, State, load_network, load_state, system, write_json};
+use crate::curves::Log;
+use crate::event::{StepRecord, TrainEvent, ValidationRecord};
+use crate::forward::forward;
+use crate::loader::Loader;
+use crate::loss::{Losses, losses};
+use crate::optimizer::Optimizer;
+use crate::options::TrainOptions;
+use crate::schedule::learning_rate;
+use crate::validate::{Validation, validate};
+use crate::{Dataset, TrainError, sheet};
+
+/// A run.
+pub struct TrainJob {
+    /// Scenes to learn from.
+    pub training: Dataset,
+    /// Scenes to measure with; empty: none.
+    pub validation: Dataset,
+    /// How.
+    pub options: TrainOptions,
+    /// What is measured.
+    pub measure: Validation,
+    /// Steps between measurements.
+    pub validate_every: usize,
+    /// Time between checkpoints.
+    pub checkpoint_every: Duration,
+    /// The run's folder.
+    pub out: PathBuf,
+}
+
+/// Trains `network`, or goes on where the checkpoints in the run's folder end. Returns the network as it
+/// is after the last step, in evaluation mode; it is in `OUT/module.pt` too, and the best one measured in
+/// `OUT/best.pt`.
+///
+/// # Errors
+/// If options make no sense, the run's folder is another run's, a file is wrong, the loss diverges, or
+/// memory runs out.
+pub fn train(
+    job: &TrainJob,
+    network: Network,
+    events: &mut dyn FnMut(&TrainEvent),
+) -> Result<Network, TrainError> {
+    job.options.check()?;
+    std::fs::create_dir_all(&job.out).map_err(|source| system("make the folder", &job.out, source))?;
+    let mut run = Run::begin(job, network, events)?;
+    run.go()?;
+    Ok(run.estimator.into_network())
+}
+
+struct Run<'a> {
+    job: &'a TrainJob,
+    estimator: Estimator,
+    optimizer: Optimizer,
+    state: State,
+    checkpoints: Checkpoints,
+    log: Log,
+    events: &'a mut dyn FnMut(&TrainEvent),
+}
+
+impl<'a> Run<'a> {
+    fn begin(
+        job: &'a TrainJob,
+        network: Network,
+        events: &'a mut dyn FnMut(&TrainEvent),
+    ) -> Result<Self, TrainError> {
+        let checkpoints = Checkpoints::of(&job.out);
+        let fresh = State {
+            step: 0,
+            options: job.options.clone(),
+            scenes: job.training.scenes.iter().map(|scene| scene.name.clone()).collect(),
+            best: None,
+        };
+        let (network, optimizer, state) = match checkpoints.last()? {
+            None => {
+                let optimizer = Optimizer::new(&network, &job.options.optimizer)?;
+                (network, optimizer, fresh)
+            }
+            Some(folder) => {
+                let network = load_network(&folder, network.device())?;
+                let mut optimizer = Optimizer::new(&network, &job.options.optimizer)?;
+                let state = load_state(&folder, &mut optimizer)?;
+                check_same_run(&folder, &state, &fresh)?;
+                (network, optimizer, state)
+            }
+        };
+        let log = Log::open(&job.out.join("log.jsonl"), state.step)?;
+        let options = EstimatorOptions { slab_bytes: usize::MAX, ..EstimatorOptions::of(&network) };
+        let estimator = Estimator::new(network, options)?;
+        let mut run = Self { job, estimator, optimizer, state, checkpoints, log, events };
+        let scenes = job.training.scenes.len();
+        run.tell(&TrainEvent::Begun { scenes, step: run.state.step, steps: job.options.steps })?;
+        Ok(run)
+    }
+
+    fn go(&mut self) -> Result<(), TrainError> {
+        let TrainOptions { steps, batch, seed, ref sample, .. } = self.job.options;
+        let first = (self.state.step * batch) as u64;
+        let loader = Loader::new(Arc::new(self.job.training.clone()), sample.clone(), seed, first);
+        let mut saved = Instant::now();
+        while self.state.step < steps {
+            let record = self.step(&loader)?;
+            self.tell(&TrainEvent::Step(record))?;
+            let last = self.state.step == steps;
+            if last || self.state.step.is_multiple_of(self.job.validate_every) {
+                self.measure()?;
+            }
+            if last || saved.elapsed() >= self.job.checkpoint_every {
+                self.save()?;
+                saved = Instant::now();
+            }
+        }
+        self.estimator.network_mut().set_mode(Mode::Evaluation)?;
+        write_module(self.estimator.network(), &self.job.out.join("module.pt"))
+    }
+
+    /// One step of the optimiser on one batch.
+    fn step(&mut self, loader: &Loader) -> Result<StepRecord, TrainError> {
+        let began = Instant::now();
+        let options = &self.job.options;
+        let step = self.state.step;
+        let mode = if step < options.freeze_norm_after { Mode::Training } else { Mode::Evaluation };
+        self.estimator.network_mut().set_mode(mode)?;
+        let (mut batch, mut waited) = (Vec::new(), 0.0);
+        for _ in 0..options.batch {
+            let waiting = Instant::now();
+            let sample = loader.next_sample()?;
+            waited += waiting.elapsed().as_secs_f64();
+            let flow = step >= options.coarse_steps;
+            let output = forward(&self.estimator, &sample, flow, &mut Profile::default())?;
+            let hypotheses = self.estimator.network().manifest().hypotheses;
+            let losses = losses(&output, hypotheses, &options.loss)?;
+            if let Some(total) = &losses.total {
+                total.f_div_scalar(options.batch as f64)?.f_backward()?;
+            }
+            batch.push(losses);
+        }
+        let learning_rate = learning_rate(&options.optimizer, step, options.steps);
+        let mut record = summary(&batch);
+        if !record.loss.is_finite() {
+            return Err(TrainError::Diverged { step, loss: record.loss });
+        }
+        record.gradient = self.optimizer.step(learning_rate)?;
+        self.state.step += 1;
+        record.step = self.state.step;
+        record.learning_rate = learning_rate;
+        record.waited = waited;
+        record.seconds = began.elapsed().as_secs_f64();
+        Ok(record)
+    }
+
+    /// Measures the network, keeps it if it is the best, and draws maps and curves.
+    fn measure(&mut self) -> Result<(), TrainError> {
+        if self.job.validation.scenes.is_empty() {
+            return self.log.draw(&self.job.out.join("curves.html"));
+        }
+        self.estimator.network_mut().set_mode(Mode::Evaluation)?;
+        let mut sheet = sheet::Sheet::default();
+        let scores = validate(&self.estimator, &self.job.validation, &self.job.measure, |example| {
+            sheet.add(example);
+        })?;
+        sheet.save(&self.job.out.join("validation.png"))?;
+        let failures = scores.failures();
+        let best = self.state.best.is_none_or(|best| failures < best);
+        if best {
+            self.state.best = Some(failures);
+            write_module(self.estimator.network(), &self.job.out.join("best.pt"))?;
+        }
+        let record = ValidationRecord { step: self.state.step, scores, best };
+        self.tell(&TrainEvent::Validated(record))?;
+        self.log.draw(&self.job.out.join("curves.html"))
+    }
+
+    fn save(&mut self) -> Result<(), TrainError> {
+        let folder = self.checkpoints.save(self.estimator.network(), &self.optimizer, &self.state)?;
+        write_json(&self.job.out.join("options.json"), &self.state.options)?;
+        self.tell(&TrainEvent::Saved { step: self.state.step, folder })
+    }
+
+    fn tell(&mut self, event: &TrainEvent) -> Result<(), TrainError> {
+        self.log.add(event)?;
+        (self.events)(event);
+        Ok(())
+    }
+}
+
+/// A run goes on only as the run that it was.
+fn check_same_run(folder: &std::path::Path, state: &State, fresh: &State) -> Result<(), TrainError> {
+    let problem = if state.options != fresh.options {
+        "the run there was begun with other options"
+    } else if state.scenes != fresh.scenes {
+        "the run there was begun with other scenes"
+    } else {
+        return Ok(());
+    };
+    let problem = format!("{problem}; give the same, or another --out, with --network of its module.pt");
+    Err(TrainError::Run { folder: folder.to_owned(), problem })
+}
+
+/// Writes a module whole or not at all.
+pub(crate) fn write_module(network: &Network, path: &std::path::Path) -> Result<(), TrainError> {
+    let file = AtomicFile::create(path)?;
+    network.save(file.path())?;
+    Ok(file.commit()?)
+}
+
+/// The means over a batch.
+fn summary(batch: &[Losses]) -> StepRecord {
+    let value = |total: &Tensor| total.double_value(&[]);
+    let mean = |values: &mut dyn Iterator<Item = f64>| {
+        let known: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
+        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+    };
+    let stages = batch.first().map_or(0, |losses| losses.stages.len());
+    let totals: f64 = batch.iter().filter_map(|losses| losses.total.as_ref().map(value)).sum();
+    StepRecord {
+        step: 0,
+        loss: totals / batch.len() as f64,
+        stages: (0..stages).map(|i| mean(&mut batch.iter().map(|losses| losses.stages[i]))).collect(),
+        visibility: mean(&mut batch.iter().map(|losses| losses.visibility)),
+        gradient: 0.0,
+        learning_rate: 0.0,
+        seconds: 0.0,
+        waited: 0.0,
+    }
+}

@@ -1,0 +1,130 @@
+//! The true depth of a sample, at the places where the network is asked for it.
+
+use vamvs_core::depth_map::is_valid;
+use vamvs_core::{Grid, Planes, Visibility};
+
+/// Relative difference of depth up to which neighbouring pixels are one surface.
+const ONE_SURFACE: f32 = 0.02;
+
+/// True depths of a view and how a sample's pixels lie in them.
+#[derive(Clone, Debug)]
+pub struct Truth {
+    /// Depths as stored, 0 where unknown.
+    pub depth: Grid<f32>,
+    /// For each source view of the sample what it sees of the stored pixels; empty if unknown.
+    pub visibility: Vec<Grid<Visibility>>,
+    /// Stored image coordinates of the sample's corner (0, 0).
+    pub origin: [f64; 2],
+    /// Stored pixels in one pixel of the sample.
+    pub step: [f64; 2],
+}
+
+impl Truth {
+    fn stored(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [self.origin[0] + x * self.step[0], self.origin[1] + y * self.step[1]]
+    }
+
+    /// The depth at image coordinates of the sample: between the four pixels around, where they are one
+    /// surface, interpolated in inverse depth (exact on planes), else that of the nearest pixel. `None`
+    /// where it is unknown or outside.
+    #[must_use]
+    pub fn depth_at(&self, place: [f64; 2]) -> Option<f64> {
+        let [x, y] = self.stored(place).map(|v| v - 0.5);
+        let (left, top) = (x.floor(), y.floor());
+        let corner = |dx: f64, dy: f64| self.at(left + dx, top + dy);
+        let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0), corner(1.0, 1.0)];
+        let nearest = self.at(x.round(), y.round());
+        let [Some(a), Some(b), Some(c), Some(d)] = corners else { return nearest.map(f64::from) };
+        let (low, high) = (a.min(b).min(c).min(d), a.max(b).max(c).max(d));
+        if high - low > ONE_SURFACE * low {
+            return nearest.map(f64::from);
+        }
+        let [a, b, c, d] = [a, b, c, d].map(|depth| 1.0 / f64::from(depth));
+        let (s, t) = (x - left, y - top);
+        Some(1.0 / ((a * (1.0 - s) + b * s) * (1.0 - t) + (c * (1.0 - s) + d * s) * t))
+    }
+
+    fn at(&self, x: f64, y: f64) -> Option<f32> {
+        let inside = x >= 0.0 && y >= 0.0;
+        let depth = inside.then(|| self.depth.get(x as usize, y as usize).copied()).flatten()?;
+        is_valid(depth).then_some(depth)
+    }
+
+    /// Plane coordinates at the crossings of columns `xs` and rows `ys` (image coordinates), row after
+    /// row; NaN where the depth is unknown or more than half a plane beyond the planes.
+    #[must_use]
+    pub fn coordinates(&self, xs: &[f64], ys: &[f64], planes: &Planes) -> Vec<f32> {
+        let last = (planes.count - 1) as f64;
+        let coordinate = |place| {
+            let u = planes.coordinate(self.depth_at(place)?);
+            (-0.5..=last + 0.5).contains(&u).then_some(u as f32)
+        };
+        crossings(xs, ys).map(|place| coordinate(place).unwrap_or(f32::NAN)).collect()
+    }
+
+    /// What source view `source` sees at the crossings; `None` if the visibility is unknown.
+    #[must_use]
+    pub fn seen(&self, source: usize, xs: &[f64], ys: &[f64]) -> Option<Vec<Visibility>> {
+        let tile = self.visibility.get(source)?;
+        let seen = |place| {
+            let [x, y] = self.stored(place);
+            let inside = x >= 0.0 && y >= 0.0;
+            inside.then(|| tile.get(x as usize, y as usize).copied()).flatten().unwrap_or_default()
+        };
+        Some(crossings(xs, ys).map(seen).collect())
+    }
+}
+
+fn crossings(xs: &[f64], ys: &[f64]) -> impl Iterator<Item = [f64; 2]> {
+    ys.iter().flat_map(move |&y| xs.iter().map(move |&x| [x, y]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vamvs_core::{DepthRange, Size, Spacing};
+
+    /// The plane 1 / z = 0.2 + 0.01 x + 0.02 y in image coordinates.
+    fn plane() -> Truth {
+        let inverse = |x: usize, y: usize| 0.2 + 0.01 * (x as f64 + 0.5) + 0.02 * (y as f64 + 0.5);
+        Truth {
+            depth: Grid::from_fn(Size::new(12, 10), |x, y| (1.0 / inverse(x, y)) as f32),
+            visibility: Vec::new(),
+            origin: [2.0, 1.0],
+            step: [1.0, 1.0],
+        }
+    }
+
+    #[test]
+    fn a_plane_is_met_exactly_between_pixels() {
+        let truth = Truth { step: [1.5, 2.0], ..plane() };
+        for place in [[0.5, 0.5], [1.0, 2.0], [3.21, 1.77]] {
+            let exact = 1.0 / (0.2 + 0.01 * (2.0 + 1.5 * place[0]) + 0.02 * (1.0 + 2.0 * place[1]));
+            assert!((truth.depth_at(place).unwrap() / exact - 1.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn an_edge_is_not_smeared_and_holes_stay() {
+        let mut truth = plane();
+        truth.depth = Grid::from_fn(Size::new(12, 10), |x, _| if x < 6 { 2.0 } else { 4.0 });
+        assert_eq!(truth.depth_at([3.9, 4.5]), Some(2.0));
+        assert_eq!(truth.depth_at([4.1, 4.5]), Some(4.0));
+        truth.depth.data_mut()[4 * 12 + 6] = 0.0;
+        assert_eq!(truth.depth_at([4.5, 3.5]), None);
+        assert_eq!(truth.depth_at([-3.0, 3.5]), None);
+    }
+
+    #[test]
+    fn depths_beyond_the_planes_do_not_count() {
+        let range = DepthRange { near: 2.0, far: 3.0 };
+        let planes = Planes { range, count: 11, spacing: Spacing::Depth };
+        let mut truth = plane();
+        truth.depth = Grid::from_fn(Size::new(12, 10), |x, _| [1.9, 2.04, 2.5, 3.04, 3.2][x % 5]);
+        let us = truth.coordinates(&[0.5, 1.5, 2.5, 3.5, 4.5], &[3.5], &planes);
+        let wanted = [5.0, 10.4, f32::NAN, f32::NAN, 0.4]; // pixels 2, 3, 4, 5 ≡ 0, 6 ≡ 1
+        for (u, wanted) in us.iter().zip(wanted) {
+            assert!((u - wanted).abs() < 1e-4 || (u.is_nan() && wanted.is_nan()), "{us:?}");
+        }
+    }
+}

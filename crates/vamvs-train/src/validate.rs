@@ -1,0 +1,191 @@
+//! How good a network is on scenes it has not seen: the paper's measures (section 4.1), per stage and by
+//! what the source views see.
+
+use serde::{Deserialize, Serialize};
+use tch::Tensor;
+use vamvs_core::{Grid, Photo, Planes, Size, Visibility};
+use vamvs_net::{Estimator, Profile};
+
+use crate::dataset::Dataset;
+use crate::sample::{Sample, whole};
+use crate::TrainError;
+
+/// The paper's d for refined maps, in plane distances; for the coarse map it is 1.
+const REFINED_D: f64 = 0.375;
+/// Error beyond which a depth is a failure, as a share of the true depth.
+pub const FAILURE: f64 = 0.01;
+
+/// What is measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Validation {
+    /// Views compared, the reference included.
+    pub views: usize,
+    /// Longer side to which photographs are reduced, pixels.
+    pub max_size: usize,
+    /// Most planes.
+    pub max_planes: usize,
+    /// Reference views, spread evenly over the set.
+    pub references: usize,
+}
+
+impl Default for Validation {
+    fn default() -> Self {
+        Self { views: 5, max_size: 512, max_planes: 96, references: 16 }
+    }
+}
+
+/// The scores of all stages, coarse first.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// Of each stage.
+    pub stages: Vec<StageScores>,
+}
+
+/// The scores of one stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct StageScores {
+    /// Over all pixels.
+    pub overall: Region,
+    /// Over pixels that some source view does not see, where that is known.
+    pub invisible: Region,
+    /// Over pixels that all source views see.
+    pub fully_visible: Region,
+}
+
+/// Counts over a region.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Region {
+    /// Pixels with a known truth.
+    pub pixels: usize,
+    /// Of these, pixels within d.
+    pub within_d: usize,
+    /// Within 3d.
+    pub within_3d: usize,
+    /// Off by more than 1 % of the depth.
+    pub failures: usize,
+}
+
+impl Region {
+    /// A count as a share of the pixels; NaN without pixels.
+    #[must_use]
+    pub fn share(&self, count: usize) -> f64 {
+        count as f64 / self.pixels as f64
+    }
+
+    fn add(&mut self, planes_off: f64, d: f64, relative: f64) {
+        self.pixels += 1;
+        self.within_d += usize::from(planes_off < d);
+        self.within_3d += usize::from(planes_off < 3.0 * d);
+        // A depth that is no number is a failure.
+        self.failures += usize::from(relative.is_nan() || relative > FAILURE);
+    }
+}
+
+impl Scores {
+    /// The share of failures of the last stage: what the best network has least of.
+    #[must_use]
+    pub fn failures(&self) -> f64 {
+        self.stages.last().map_or(f64::NAN, |stage| stage.overall.share(stage.overall.failures))
+    }
+}
+
+/// A reference view with its maps, to look at.
+pub struct Example {
+    /// The reference photograph.
+    pub photo: Photo,
+    /// The truth at the last stage's size, 0 where unknown.
+    pub truth: Grid<f32>,
+    /// Depth after each stage, coarse first.
+    pub stages: Vec<Grid<f32>>,
+}
+
+/// Measures a network; `look` is shown every reference view.
+///
+/// # Errors
+/// If a file is wrong, the module breaks its contract, or memory runs out.
+pub fn validate(
+    estimator: &Estimator,
+    dataset: &Dataset,
+    options: &Validation,
+    mut look: impl FnMut(&Example),
+) -> Result<Scores, TrainError> {
+    let references = dataset.references();
+    let count = options.references.clamp(1, references.len());
+    let mut scores = Scores::default();
+    for index in 0..count {
+        let (scene, view) = references[index * references.len() / count];
+        let sample = whole(&dataset.scenes[scene], view, options)?;
+        let maps = tch::no_grad(|| stages(estimator, &sample))?;
+        scores.stages.resize(maps.len(), StageScores::default());
+        let scales = maps.iter().map(|map| scale_of(&sample, map)).collect::<Vec<_>>();
+        for (index, (map, &scale)) in maps.iter().zip(&scales).enumerate() {
+            let d = if index == 0 { 1.0 } else { REFINED_D };
+            score(&mut scores.stages[index], &sample, map, scale, d);
+        }
+        look(&example(&sample, &maps, scales[scales.len() - 1]));
+    }
+    Ok(scores)
+}
+
+/// Plane coordinates after each stage.
+fn stages(estimator: &Estimator, sample: &Sample) -> Result<Vec<Grid<f32>>, TrainError> {
+    let network = estimator.network();
+    let views = sample.photos.iter().map(|photo| network.encode(photo)).collect::<Result<Vec<_>, _>>()?;
+    let sources: Vec<_> = views[1..].iter().collect();
+    let maps = estimator.stages(&views[0], &sources, &sample.planes, &mut Profile::default())?;
+    maps.iter().map(|map| grid(&map.u)).collect()
+}
+
+fn grid(map: &Tensor) -> Result<Grid<f32>, TrainError> {
+    let (height, width) = map.size2()?;
+    let values = map.f_to_device(tch::Device::Cpu)?.f_contiguous()?.f_flatten(0, -1)?;
+    Ok(Grid::from_vec(Size::new(width as usize, height as usize), Vec::<f32>::try_from(values)?))
+}
+
+/// By what the photograph's size was divided, padding included.
+fn scale_of(sample: &Sample, map: &Grid<f32>) -> usize {
+    sample.photos[0].camera.size.width.next_multiple_of(8) / map.width()
+}
+
+/// Image coordinates of the centres of a map's pixels inside the photograph.
+fn centres(side: usize, scale: usize) -> Vec<f64> {
+    (0..side / scale).map(|i| (i as f64 + 0.5) * scale as f64).collect()
+}
+
+fn score(scores: &mut StageScores, sample: &Sample, map: &Grid<f32>, scale: usize, d: f64) {
+    let size = sample.photos[0].camera.size;
+    let (xs, ys) = (centres(size.width, scale), centres(size.height, scale));
+    let truth = sample.truth.coordinates(&xs, &ys, &sample.planes);
+    let seen: Vec<_> = (0..sample.photos.len() - 1).map(|s| sample.truth.seen(s, &xs, &ys)).collect();
+    for (index, truth) in truth.into_iter().enumerate().filter(|(_, truth)| !truth.is_nan()) {
+        let found = map[(index % xs.len(), index / xs.len())];
+        let [found, truth] = [found, truth].map(f64::from);
+        let relative = (sample.planes.depth(found) / sample.planes.depth(truth) - 1.0).abs();
+        let mut regions = vec![&mut scores.overall];
+        let known: Option<Vec<Visibility>> = seen.iter().map(|seen| Some(seen.as_ref()?[index])).collect();
+        if let Some(known) = known {
+            let all = known.iter().all(|seen| *seen == Visibility::Visible);
+            regions.push(if all { &mut scores.fully_visible } else { &mut scores.invisible });
+        }
+        for region in regions {
+            region.add((found - truth).abs(), d, relative);
+        }
+    }
+}
+
+fn example(sample: &Sample, maps: &[Grid<f32>], scale: usize) -> Example {
+    let photo = sample.photos[0].clone();
+    let size = photo.camera.size;
+    let (xs, ys) = (centres(size.width, scale), centres(size.height, scale));
+    let truth = ys.iter().flat_map(|&y| xs.iter().map(move |&x| [x, y]));
+    let truth = truth.map(|place| sample.truth.depth_at(place).unwrap_or(0.0) as f32).collect();
+    let depth = |planes: &Planes, u: f32| planes.depth(f64::from(u)) as f32;
+    Example {
+        photo,
+        truth: Grid::from_vec(Size::new(xs.len(), ys.len()), truth),
+        stages: maps.iter().map(|map| map.map(|&u| depth(&sample.planes, u))).collect(),
+    }
+}

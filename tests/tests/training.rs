@@ -1,0 +1,185 @@
+//! Training: gradients against finite differences, a run that learns, a run that is interrupted.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::time::Duration;
+
+use vamvs_core::{Planes, Size, Spacing};
+use vamvs_io::pfm;
+use vamvs_net::tch::{self, Kind, Tensor};
+use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Mode, Network, Profile};
+use vamvs_tests::{fixtures, folder};
+use vamvs_train::options::SampleOptions;
+use vamvs_train::{Dataset, TrainEvent, TrainJob, TrainOptions, Validation, train};
+
+fn network(name: &str) -> Network {
+    let path = format!("{}/modules/{name}.pt", env!("CARGO_MANIFEST_DIR"));
+    Network::load(path.as_ref(), Device::Cpu).unwrap()
+}
+
+/// What the gradient of a loss says against what the loss does, along the gradient itself.
+fn assert_gradient(network: &Network, parts: &[&str], loss: impl Fn() -> Tensor) {
+    let parameters: Vec<Tensor> = network
+        .parameters()
+        .unwrap()
+        .into_iter()
+        .filter(|(name, _)| parts.iter().any(|part| name.starts_with(part)))
+        .map(|(_, parameter)| parameter)
+        .collect();
+    loss().backward();
+    let gradients: Vec<Tensor> = parameters.iter().map(|p| p.grad().detach().copy()).collect();
+    let norm = gradients.iter().map(|g| g.square().sum(Kind::Double).double_value(&[])).sum::<f64>().sqrt();
+    assert!(norm > 1e-6, "{parts:?}: there is no gradient");
+    let moved = |step: f64| {
+        tch::no_grad(|| {
+            for (parameter, gradient) in parameters.iter().zip(&gradients) {
+                let _ = parameter.shallow_clone().f_add_(&(gradient * (step / norm))).unwrap();
+            }
+            let value = loss().double_value(&[]);
+            for (parameter, gradient) in parameters.iter().zip(&gradients) {
+                let _ = parameter.shallow_clone().f_sub_(&(gradient * (step / norm))).unwrap();
+            }
+            value
+        })
+    };
+    let step = 5e-4;
+    let slope = (moved(step) - moved(-step)) / (2.0 * step);
+    assert!((slope / norm - 1.0).abs() < 0.05, "{parts:?}: gradient {norm}, finite differences {slope}");
+    parameters.iter().for_each(|p| p.shallow_clone().zero_grad());
+}
+
+/// A smooth loss of a map: its weighted mean.
+fn loss(map: &Tensor) -> Tensor {
+    let size = map.numel() as i64;
+    let weights = (Tensor::arange(size, (Kind::Float, Device::Cpu)) * 0.7).sin() + 0.3;
+    (map.flatten(0, -1) * weights).mean(Kind::Float)
+}
+
+#[test]
+fn gradients_of_every_stage_are_those_of_finite_differences() {
+    let views = fixtures::still_life(Size::new(128, 96), 3);
+    let range = folder::depth_range(&views[0], 1.05).unwrap();
+    let planes = Planes { range, count: 16, spacing: Spacing::Depth };
+    for name in ["var", "vis-max", "vis-var"] {
+        for mode in [Mode::Training, Mode::Evaluation] {
+            let mut network = network(name);
+            network.set_mode(mode).unwrap();
+            let options = EstimatorOptions { slab_bytes: usize::MAX, ..EstimatorOptions::of(&network) };
+            let estimator = Estimator::new(network, options).unwrap();
+            let network = estimator.network();
+            let encode = || -> Vec<EncodedView> {
+                views.iter().map(|view| network.encode(&view.photo).unwrap()).collect()
+            };
+            let coarse = |views: &[EncodedView]| {
+                let sources: Vec<_> = views[1..].iter().collect();
+                estimator.coarse(&views[0], &sources, &planes, &mut Profile::default()).unwrap()
+            };
+            let parts = ["coarse_images", "volume", "pair_coarse", "pair_visibility", "visibility_head"];
+            assert_gradient(network, &parts, || loss(&coarse(&encode()).map.u));
+            if name == "vis-var" {
+                let parts = ["coarse_images", "pair_visibility", "visibility_head"];
+                assert_gradient(network, &parts, || loss(&coarse(&encode()).visibility[1]));
+            }
+            let given = tch::no_grad(|| coarse(&encode()));
+            for &iteration in &estimator.options().iterations {
+                assert_gradient(network, &["flow_images", "flow_net", "pair_flow"], || {
+                    let views = encode();
+                    let sources: Vec<_> = views[1..].iter().collect();
+                    let stage =
+                        estimator.flow_stage(&views[0], &sources, &planes, &given.visibility, iteration);
+                    let first = 8 / iteration.scale / 2;
+                    loss(&stage.refine_lattice((first, 0), &given.map.u, &mut Profile::default()).unwrap().u)
+                });
+            }
+        }
+    }
+}
+
+/// A scene with true depth in a folder.
+fn scene(folder: &Path) {
+    let views = fixtures::still_life(Size::new(128, 96), 4);
+    folder::write_mvsnet(folder, &views, |index| format!("{index:08}"), 1.05).unwrap();
+    std::fs::create_dir_all(folder.join("depths")).unwrap();
+    for (index, view) in views.iter().enumerate() {
+        pfm::write(&folder.join(format!("depths/{index:08}.pfm")), &view.depth).unwrap();
+    }
+}
+
+fn job(folder: &Path, out: &str, steps: usize) -> TrainJob {
+    let data = folder.join("data");
+    if !data.is_dir() {
+        scene(&data);
+    }
+    let mut options = TrainOptions { steps, coarse_steps: 2, batch: 1, ..TrainOptions::default() };
+    options.freeze_norm_after = steps / 2;
+    options.optimizer.warm_up = 0;
+    options.optimizer.learning_rate = 3e-3;
+    options.sample =
+        SampleOptions { crop: [96, 64], views: [3, 3], max_planes: 16, ..SampleOptions::default() };
+    let dataset = Dataset::open(&[data]).unwrap();
+    TrainJob {
+        training: dataset.clone(),
+        validation: dataset,
+        options,
+        measure: Validation { views: 3, max_size: 128, max_planes: 16, references: 2 },
+        validate_every: 1000,
+        checkpoint_every: Duration::ZERO,
+        out: folder.join(out),
+    }
+}
+
+#[test]
+fn a_short_run_lowers_its_loss_by_a_quarter() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = job(folder.path(), "out", 120);
+    job.checkpoint_every = Duration::from_secs(3600);
+    let mut losses = Vec::new();
+    train(&job, network("vis-max"), &mut |event| {
+        if let TrainEvent::Step(record) = event {
+            losses.push(record.stages[0].unwrap());
+        }
+    })
+    .unwrap();
+    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    let (before, after) = (mean(&losses[..10]), mean(&losses[110..]));
+    assert!(after < 0.75 * before, "the coarse loss went from {before} to {after}");
+    for file in ["module.pt", "best.pt", "log.jsonl", "curves.html", "validation.png"] {
+        assert!(job.out.join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
+fn an_interrupted_run_ends_with_the_weights_of_an_undisturbed_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let undisturbed = train(&job(folder.path(), "a", 8), network("vis-var"), &mut |_| ()).unwrap();
+    let job = job(folder.path(), "b", 8);
+    for stop in [3, 6] {
+        let stopped = catch_unwind(AssertUnwindSafe(|| {
+            train(&job, network("vis-var"), &mut |event| {
+                assert!(!matches!(event, TrainEvent::Step(record) if record.step == stop), "stop");
+            })
+        }));
+        assert!(stopped.is_err());
+    }
+    let resumed = train(&job, network("vis-var"), &mut |event| {
+        if let TrainEvent::Begun { step, .. } = event {
+            assert_eq!(*step, 5, "the step that was interrupted is done again");
+        }
+    });
+    let (a, b) = (undisturbed.parameters().unwrap(), resumed.unwrap().parameters().unwrap());
+    for ((name, a), (_, b)) in a.iter().zip(&b) {
+        assert!(a.equal(b), "{name} differs");
+    }
+}
+
+#[test]
+fn another_run_in_the_same_folder_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = job(folder.path(), "out", 2);
+    train(&job, network("var"), &mut |_| ()).unwrap();
+    job.options.seed = 1;
+    let error = train(&job, network("var"), &mut |_| ()).unwrap_err().to_string();
+    assert!(error.contains("other options") && error.contains("--out"), "{error}");
+}
