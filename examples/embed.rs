@@ -1,11 +1,15 @@
-//! The library in thirty lines: a COLMAP model in, a cloud out.
+//! The library in forty lines: a COLMAP model in, a cloud out.
 //! `cargo run --release -p vamvs --example embed -- sparse/0 images out`
 
 use std::path::PathBuf;
 
 use vamvs::depth::DepthJob;
+use vamvs::io::{Loaded, masks::Masks};
 use vamvs::net::{Device, Estimator, EstimatorOptions};
-use vamvs::{DepthOptions, Event, FusionOptions, Input, OutputFolder, Photographs, VamvsError, weights};
+use vamvs::{
+    DepthOptions, Event, ExportOptions, FusionOptions, Input, Maps, OutputFolder, Photographs, VamvsError,
+    weights,
+};
 
 fn main() -> Result<(), VamvsError> {
     let [model, images, out] = [1, 2, 3].map(|n| PathBuf::from(std::env::args().nth(n).unwrap_or_default()));
@@ -13,8 +17,8 @@ fn main() -> Result<(), VamvsError> {
     let mut show = |event: Event| eprintln!("{event:?}");
 
     let input = Input::Colmap { model, images };
-    let scene = input.load()?.scene;
-    let photographs = Photographs::new(input.images(), None, depth.max_size);
+    let Loaded { scene, images, masks, .. } = input.load()?;
+    let photographs = Photographs::new(&images, masks, depth.max_size);
     let plan = vamvs::plan(&scene, &photographs, &depth)?;
 
     let network = weights::load(None, Device::Cpu)?;
@@ -33,7 +37,8 @@ fn main() -> Result<(), VamvsError> {
         force: false,
     };
     vamvs::estimate(&job, &mut show)?;
-    let fused = vamvs::fuse(&output, &output.cloud(), None, &fusion, &mut show)?;
+    let maps = Maps::open(&out, Masks::None, &mut show)?;
+    let fused = vamvs::fuse(&maps, &output.cloud(), &fusion, &ExportOptions::default(), &mut show)?;
     println!("{} points from {} views", fused.points, fused.views.len());
     Ok(())
 }

@@ -1,9 +1,22 @@
 //! What the command line understands. Flags that are not given leave the configuration as it is.
 
+mod eval;
+mod synth;
+#[cfg(feature = "net")]
+mod train;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde::{Deserialize, Serialize};
+
+pub use eval::{
+    CloudPreset, DepthThresholdFlags, DtuFlags, EvalArguments, EvalCloudArguments, EvalCommand,
+    EvalDepthArguments, EvalGeneralFlags, EvalSceneArguments, TntFlags,
+};
+pub use synth::{AssetFlags, SynthArguments};
+#[cfg(feature = "net")]
+pub use train::{OptimizerRule, SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
 
 /// Photographs with known cameras in, depth maps and one dense, coloured cloud out.
 #[derive(Debug, Parser)]
@@ -28,6 +41,16 @@ pub enum Command {
     /// Depth maps → one cloud: filter and merge.
     #[command(after_help = FUSE_EXAMPLES)]
     Fuse(FuseArguments),
+    /// Scenes with exact depth and visibility, to train and test with.
+    #[command(after_help = synth::EXAMPLES)]
+    Synth(SynthArguments),
+    /// Weights of a network from scenes with true depth.
+    #[cfg(feature = "net")]
+    #[command(after_help = train::EXAMPLES)]
+    Train(TrainArguments),
+    /// Results against truth: depth maps, clouds, whole scenes.
+    #[command(after_help = eval::EXAMPLES)]
+    Eval(EvalArguments),
     /// What a file or folder is: weights, cloud, depth map, COLMAP model; or `device`.
     #[command(
         after_help = "Examples:\n  vamvs info weights/photometric.pt\n  vamvs info out/fused.ply\n  vamvs info sparse/0\n  vamvs info device"
@@ -40,6 +63,7 @@ const RECONSTRUCT_EXAMPLES: &str = "\
 Examples:
   vamvs reconstruct --cams cams --images images --out out        MVSNet layout
   vamvs reconstruct --colmap sparse/0 --images images --out out  COLMAP model, distorted or not
+  vamvs reconstruct --nerfstudio capture --export colmap         transforms.json; workspace for COLMAP too
   vamvs reconstruct --config out/run.toml --min-views 2          the same again, fused otherwise
 
 Depth maps that are in --out already, made of the same photographs, cameras and settings, are kept,
@@ -48,7 +72,9 @@ so a run that was interrupted goes on where it was.";
 const FUSE_EXAMPLES: &str = "\
 Examples:
   vamvs fuse out/depths
-  vamvs fuse out --min-views 4 --max-relative-depth 0.005 --out strict.ply";
+  vamvs fuse out --min-views 4 --max-relative-depth 0.005 --out strict.ply
+  vamvs fuse dense --out fused.ply                     depth maps of COLMAP's patch_match_stereo
+  vamvs fuse out --export colmap,openmvs --depth-format exr";
 
 /// `reconstruct`.
 #[cfg(feature = "net")]
@@ -60,6 +86,9 @@ pub struct ReconstructArguments {
     /// Fusion.
     #[command(flatten)]
     pub fusion: FusionFlags,
+    /// What other programs get.
+    #[command(flatten)]
+    pub export: ExportFlags,
 }
 
 /// `depth`.
@@ -96,10 +125,11 @@ impl DepthArguments {
 /// `fuse`.
 #[derive(Debug, Args)]
 pub struct FuseArguments {
-    /// Folder of depth maps, as `vamvs depth` writes it: OUT or OUT/depths.
+    /// Folder of depth maps: OUT or OUT/depths of `vamvs depth`; COLMAP's dense workspace, with stereo/ and
+    /// sparse/; or depth_est/ of a network like MVSNet, with cams/ and images/ beside it.
     #[arg(value_name = "DEPTHS")]
     pub depths: PathBuf,
-    /// The cloud to write [default: OUT/fused.ply].
+    /// The cloud to write [default: OUT/fused.ply; vamvs.ply in the folder of another program].
     #[arg(short, long, value_name = "FILE.ply")]
     pub out: Option<PathBuf>,
     /// Folder of masks of the images in OUT/images: NAME.png, 0 = ignore.
@@ -111,6 +141,9 @@ pub struct FuseArguments {
     /// How depth maps are filtered.
     #[command(flatten)]
     pub fusion: FusionFlags,
+    /// What other programs get.
+    #[command(flatten)]
+    pub export: ExportFlags,
     /// What every command has.
     #[command(flatten)]
     pub common: CommonFlags,
@@ -133,20 +166,36 @@ pub struct InfoArguments {
 #[command(next_help_heading = "Input")]
 pub struct InputFlags {
     /// MVSNet layout: folder of NAME_cam.txt files.
-    #[arg(long, value_name = "DIR", conflicts_with = "colmap")]
+    #[arg(long, value_name = "DIR", group = "scene")]
     pub cams: Option<PathBuf>,
     /// COLMAP model: folder with cameras, images and points3D, .txt or .bin.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", group = "scene")]
     pub colmap: Option<PathBuf>,
-    /// Folder of photographs.
+    /// nerfstudio or instant-ngp: transforms.json, or its folder.
+    #[arg(long, value_name = "FILE", group = "scene")]
+    pub nerfstudio: Option<PathBuf>,
+    /// Bundler: bundle.out, with list.txt beside it or above.
+    #[arg(long, value_name = "FILE", group = "scene")]
+    pub bundler: Option<PathBuf>,
+    /// VisualSFM: an .nvm file.
+    #[arg(long, value_name = "FILE", group = "scene")]
+    pub nvm: Option<PathBuf>,
+    /// OpenMVS: an interface file .mvs of undistorted images.
+    #[arg(long, value_name = "FILE", group = "scene")]
+    pub openmvs: Option<PathBuf>,
+    /// Folder of photographs [default: where the scene's file says; needed for --cams and --colmap].
     #[arg(long, value_name = "DIR")]
     pub images: Option<PathBuf>,
     /// MVSNet layout: source views [default: pair.txt in or beside --cams; else chosen from the cameras].
     #[arg(long, value_name = "FILE")]
     pub pairs: Option<PathBuf>,
-    /// Folder of masks: NAME.png or NAME.EXT.png, 0 = ignore.
+    /// Folder of masks: NAME.png or NAME.EXT.png, 0 = ignore [default: those that the scene's file tells,
+    /// else masks/ beside the photographs].
     #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
+    /// Use no masks but the photographs' own alpha channels.
+    #[arg(long, conflicts_with = "masks")]
+    pub no_masks: bool,
     /// MVSNet layout: what the first two numbers of the depth line are [default: auto].
     #[arg(long, value_enum)]
     pub depth_line: Option<DepthLine>,
@@ -250,6 +299,44 @@ pub struct FusionFlags {
     /// Other views asked whether they agree with a view's depth [default: 10].
     #[arg(long, value_name = "N")]
     pub neighbours: Option<usize>,
+}
+
+/// What other programs get, beside the cloud.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Export")]
+pub struct ExportFlags {
+    /// For these programs, each in a folder of its name: colmap (dense workspace for stereo_fusion,
+    /// poisson_mesher, delaunay_mesher), openmvs (scene.mvs, .dmap, scene_dense.ply).
+    #[arg(long, value_enum, value_name = "PROGRAM", value_delimiter = ',')]
+    pub export: Option<Vec<Program>>,
+    /// Depth maps in these formats too, in depths/.
+    #[arg(long, value_enum, value_name = "FORMAT", value_delimiter = ',')]
+    pub depth_format: Option<Vec<DepthFormat>>,
+    /// Depth of one step of a 16-bit PNG, scene units [default: a round number, told in png-step.txt].
+    #[arg(long, value_name = "DEPTH")]
+    pub png_step: Option<f64>,
+}
+
+/// Programs that work on depth maps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Program {
+    /// colmap/: a dense workspace.
+    Colmap,
+    /// openmvs/: a scene with depth maps.
+    Openmvs,
+}
+
+/// Formats of depth maps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum DepthFormat {
+    /// 32 bits.
+    Pfm,
+    /// 16 bits, in steps.
+    Png,
+    /// OpenEXR, 32 bits, channel Z.
+    Exr,
+    /// NumPy, 32 bits.
+    Npy,
 }
 
 /// Sets of thresholds.

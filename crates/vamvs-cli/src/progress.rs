@@ -34,6 +34,13 @@ impl Progress {
         }
     }
 
+    /// A line about what is done, where no bar tells it.
+    pub fn say_without_bar(&self, line: &str) {
+        if !self.terminal {
+            self.say(line);
+        }
+    }
+
     /// A warning.
     pub fn warn(&self, line: &str) {
         self.bar.suspend(|| eprintln!("warning: {line}"));
@@ -45,11 +52,9 @@ impl Progress {
             Event::Warning(text) => self.warn(&text),
             Event::DepthMap { name, done, total, resumed, time } => {
                 self.step("depth maps", done, total);
-                if !self.terminal {
-                    let how =
-                        if resumed { "is there".to_owned() } else { format!("{:.1} s", time.as_secs_f64()) };
-                    self.say(&format!("depth {done}/{total} {name}: {how}"));
-                }
+                let how =
+                    if resumed { "is there".to_owned() } else { format!("{:.1} s", time.as_secs_f64()) };
+                self.say_without_bar(&format!("depth {done}/{total} {name}: {how}"));
             }
             Event::Fusion { done, total } => {
                 self.step("fusion", done, total);
@@ -57,6 +62,7 @@ impl Progress {
                     self.say(&format!("fusion {done}/{total}"));
                 }
             }
+            Event::Export { done, total } => self.step("export", done, total),
         }
     }
 
@@ -65,7 +71,8 @@ impl Progress {
         self.bar.finish_and_clear();
     }
 
-    fn step(&self, what: &'static str, done: usize, total: usize) {
+    /// Moves the bar.
+    pub fn step(&self, what: &'static str, done: usize, total: usize) {
         if self.bar.message() != what {
             self.bar.reset();
             self.bar.set_message(what);

@@ -7,9 +7,11 @@ use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use vamvs::core::{DepthRange, Roi};
 use vamvs::fusion::FuseOptions;
-use vamvs::{DepthOptions, FusionOptions};
+use vamvs::{DepthOptions, ExportOptions, FusionOptions, export};
 
-use crate::arguments::{CommonFlags, DepthLine, FusionFlags, PixelCentre, Preset};
+use crate::arguments::{
+    CommonFlags, DepthFormat, DepthLine, ExportFlags, FusionFlags, PixelCentre, Preset, Program,
+};
 
 /// All settings of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -27,6 +29,8 @@ pub struct Settings {
     pub depth: DepthOptions,
     /// How depth maps become a cloud.
     pub fusion: FusionOptions,
+    /// What other programs get.
+    pub export: ExportOptions,
 }
 
 /// Where the scene is.
@@ -37,12 +41,22 @@ pub struct InputSettings {
     pub cams: Option<PathBuf>,
     /// Folder of a COLMAP model.
     pub colmap: Option<PathBuf>,
+    /// nerfstudio's transforms.json.
+    pub nerfstudio: Option<PathBuf>,
+    /// Bundler's bundle.out.
+    pub bundler: Option<PathBuf>,
+    /// VisualSFM's .nvm.
+    pub nvm: Option<PathBuf>,
+    /// OpenMVS's .mvs.
+    pub openmvs: Option<PathBuf>,
     /// Folder of photographs.
     pub images: Option<PathBuf>,
     /// MVSNet's pair.txt.
     pub pairs: Option<PathBuf>,
     /// Folder of masks.
     pub masks: Option<PathBuf>,
+    /// Whether masks in files are left out.
+    pub no_masks: bool,
     /// How depth lines are read.
     pub depth_line: DepthLine,
     /// Where pixel centres are.
@@ -69,10 +83,14 @@ impl Settings {
     #[cfg(feature = "net")]
     pub fn absolute(&self) -> Result<Self> {
         let mut settings = self.clone();
-        let InputSettings { cams, colmap, images, pairs, masks, .. } = &mut settings.input;
-        for path in [&mut settings.weights, cams, colmap, images, pairs, masks].into_iter().flatten() {
+        let absolute = |path: &mut Option<PathBuf>| -> Result<()> {
+            let Some(path) = path else { return Ok(()) };
             *path = std::path::absolute(&path).with_context(|| format!("{}", path.display()))?;
-        }
+            Ok(())
+        };
+        settings.input.kinds().into_iter().try_for_each(absolute)?;
+        let InputSettings { images, pairs, masks, .. } = &mut settings.input;
+        [&mut settings.weights, images, pairs, masks].into_iter().try_for_each(absolute)?;
         Ok(settings)
     }
 
@@ -97,6 +115,25 @@ impl Settings {
         set(&mut filter.min_confidence, flags.confidence);
         set(&mut filter.min_coarse_confidence, flags.coarse_confidence);
         set(&mut self.fusion.neighbours, flags.neighbours);
+    }
+
+    /// Lets export flags win.
+    pub fn apply_export(&mut self, flags: &ExportFlags) {
+        let program = |program: &Program| match program {
+            Program::Colmap => export::Program::Colmap,
+            Program::Openmvs => export::Program::Openmvs,
+        };
+        let format = |format: &DepthFormat| match format {
+            DepthFormat::Pfm => export::DepthFormat::Pfm,
+            DepthFormat::Png => export::DepthFormat::Png,
+            DepthFormat::Exr => export::DepthFormat::Exr,
+            DepthFormat::Npy => export::DepthFormat::Npy,
+        };
+        let programs = flags.export.as_ref().map(|given| given.iter().map(program).collect());
+        let formats = flags.depth_format.as_ref().map(|given| given.iter().map(format).collect());
+        set(&mut self.export.programs, programs);
+        set(&mut self.export.depth_formats, formats);
+        set(&mut self.export.png_step, flags.png_step.map(Some));
     }
 
     /// Threads for rayon and libtorch.
@@ -137,23 +174,24 @@ mod depth {
     use super::*;
     use crate::arguments::{DepthFlags, InputFlags, Spacing};
     use vamvs::Input;
+    use vamvs::io::masks::Masks;
     use vamvs::io::mvsnet;
 
     impl Settings {
         /// Lets input flags win. Giving one kind of scene drops the configuration's other kind.
         pub fn apply_input(&mut self, flags: &InputFlags) {
+            let InputFlags { cams, colmap, nerfstudio, bundler, nvm, openmvs, .. } = flags;
             let input = &mut self.input;
-            if flags.cams.is_some() {
-                (input.colmap, input.pairs) = (None, None);
+            let given = [cams, colmap, nerfstudio, bundler, nvm, openmvs];
+            if given.iter().any(|kind| kind.is_some()) {
+                input.kinds().into_iter().zip(given).for_each(|(kind, flag)| kind.clone_from(flag));
+                input.pairs = None;
             }
-            if flags.colmap.is_some() {
-                (input.cams, input.pairs) = (None, None);
-            }
-            set(&mut input.cams, flags.cams.clone().map(Some));
-            set(&mut input.colmap, flags.colmap.clone().map(Some));
             set(&mut input.images, flags.images.clone().map(Some));
             set(&mut input.pairs, flags.pairs.clone().map(Some));
-            set(&mut input.masks, flags.masks.clone().map(Some));
+            if flags.masks.is_some() || flags.no_masks {
+                (input.masks, input.no_masks) = (flags.masks.clone(), flags.no_masks);
+            }
             set(&mut input.depth_line, flags.depth_line);
             set(&mut input.pixel_centre, flags.pixel_centre);
         }
@@ -183,24 +221,47 @@ mod depth {
     }
 
     impl InputSettings {
+        /// The files of the kinds of scenes, of which one is expected.
+        pub fn kinds(&mut self) -> [&mut Option<PathBuf>; 6] {
+            let Self { cams, colmap, nerfstudio, bundler, nvm, openmvs, .. } = self;
+            [cams, colmap, nerfstudio, bundler, nvm, openmvs]
+        }
+
         /// The scene's files.
         pub fn scene(&self) -> Result<Input> {
-            let images = self.images.clone().context("no photographs: give their folder with --images")?;
-            match (&self.cams, &self.colmap) {
-                (Some(cams), None) => Ok(Input::Mvsnet {
-                    cams: cams.clone(),
-                    images,
-                    pairs: self.pairs.clone(),
-                    options: mvsnet::Options {
-                        depth_line: self.depth_line(),
-                        pixel_centre: self.pixel_centre(),
-                    },
-                }),
-                (None, Some(model)) => Ok(Input::Colmap { model: model.clone(), images }),
-                (None, None) => {
-                    bail!("no cameras: give a COLMAP model with --colmap, or MVSNet cameras with --cams")
+            let Self { cams, colmap, nerfstudio, bundler, nvm, openmvs, images, .. } = self.clone();
+            let needed = || images.clone().context("no photographs: give their folder with --images");
+            match (cams, colmap, nerfstudio, bundler, nvm, openmvs) {
+                (Some(cams), None, None, None, None, None) => self.mvsnet(cams, needed()?),
+                (None, Some(model), None, None, None, None) => Ok(Input::Colmap { model, images: needed()? }),
+                (None, None, Some(transforms), None, None, None) => {
+                    Ok(Input::Nerfstudio { transforms, images })
                 }
-                (Some(_), Some(_)) => bail!("both cams and colmap are given: expected one of them"),
+                (None, None, None, Some(bundle), None, None) => Ok(Input::Bundler { bundle, images }),
+                (None, None, None, None, Some(nvm), None) => Ok(Input::Nvm { nvm, images }),
+                (None, None, None, None, None, Some(mvs)) => Ok(Input::Openmvs { mvs, images }),
+                (None, None, None, None, None, None) => bail!(
+                    "no cameras: give a COLMAP model with --colmap, MVSNet cameras with --cams, or --nerfstudio, --bundler, --nvm, --openmvs"
+                ),
+                _ => bail!(
+                    "several kinds of scenes are given: expected one of cams, colmap, nerfstudio, bundler, nvm, openmvs"
+                ),
+            }
+        }
+
+        fn mvsnet(&self, cams: PathBuf, images: PathBuf) -> Result<Input> {
+            let options =
+                mvsnet::Options { depth_line: self.depth_line(), pixel_centre: self.pixel_centre() };
+            Ok(Input::Mvsnet { cams, images, pairs: self.pairs.clone(), options })
+        }
+
+        /// The masks to use of a scene that brings `found`.
+        pub fn masks(&self, found: &Masks) -> Result<Masks> {
+            match &self.masks {
+                _ if self.no_masks => Ok(Masks::None),
+                None => Ok(found.clone()),
+                Some(folder) if folder.is_dir() => Ok(Masks::Folder(folder.clone())),
+                Some(missing) => bail!("--masks {}: expected a folder of masks", missing.display()),
             }
         }
 

@@ -4,6 +4,7 @@ use anyhow::{Result, bail};
 use serde_json::json;
 use vamvs::core::Scene;
 use vamvs::depth::DepthJob;
+use vamvs::io::masks::Masks;
 use vamvs::net::device::{device_name, open_device};
 use vamvs::net::{Estimator, EstimatorOptions, Stage};
 use vamvs::{DepthSummary, OutputFolder, Photographs, Plan, ViewPlan, weights};
@@ -42,9 +43,9 @@ pub fn estimate(
     let input = settings.input.scene()?;
     let loaded = input.load()?;
     loaded.warnings.iter().for_each(|warning| progress.warn(warning));
-    let photographs =
-        Photographs::new(input.images(), settings.input.masks.as_deref(), settings.depth.max_size);
-    photographs.check_masks(&loaded.scene)?.iter().for_each(|warning| progress.warn(warning));
+    let masks = settings.input.masks(&loaded.masks)?;
+    let photographs = Photographs::new(&loaded.images, masks.clone(), settings.depth.max_size);
+    say_masks(&masks, photographs.masked(&loaded.scene), loaded.scene.views.len(), progress);
     let out = OutputFolder::new(&arguments.out());
     out.expect_apart(settings.input.cams.as_deref())?;
     let plan = vamvs::plan(&loaded.scene, &photographs, &settings.depth)?;
@@ -82,6 +83,17 @@ fn estimator(settings: &Settings, progress: &Progress) -> Result<Estimator> {
     }
     options.iterations.truncate(wanted);
     Ok(Estimator::new(network, options)?)
+}
+
+/// Which masks are used, and a warning if some views have none.
+fn say_masks(masks: &Masks, masked: usize, views: usize, progress: &Progress) {
+    let place = match masks {
+        Masks::None => return,
+        Masks::Folder(folder) => format!("in {}", folder.display()),
+        Masks::Files(_) => "told by the scene's file".to_owned(),
+    };
+    let line = format!("masks {place}: {masked} of {views} views have one (--no-masks leaves them out)");
+    if masked == views { progress.say(&line) } else { progress.warn(&line) }
 }
 
 /// The plan in a few lines: how many views, and the ranges with their origin.

@@ -4,7 +4,9 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use serde_json::json;
-use vamvs::{FuseSummary, OutputFolder};
+use vamvs::export::Program;
+use vamvs::io::masks::Masks;
+use vamvs::{FuseSummary, Maps};
 
 use crate::arguments::FuseArguments;
 use crate::progress::Progress;
@@ -16,10 +18,11 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     settings.apply_fusion(&arguments.fusion);
     set(&mut settings.fusion.roi, roi(arguments.roi.as_deref())?.map(Some));
     settings.use_threads()?;
+    settings.apply_export(&arguments.export);
     let progress = Progress::new(arguments.common.quiet);
-    let folder = OutputFolder::find(&arguments.depths)?;
-    let cloud = arguments.out.clone().unwrap_or_else(|| folder.cloud());
-    let fused = merge(&folder, &cloud, arguments.masks.as_deref(), &settings, &progress);
+    let maps = Maps::open(&arguments.depths, masks(arguments)?, &mut |event| progress.show(event))?;
+    let cloud = arguments.out.clone().unwrap_or_else(|| maps.default_cloud());
+    let fused = merge(&maps, &cloud, &settings, &progress);
     progress.finish();
     let fused = fused?;
     if arguments.common.json {
@@ -30,27 +33,42 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     Ok(())
 }
 
-/// Fuses and says what became of the pixels; no points at all are an error.
-pub fn merge(
-    folder: &OutputFolder,
-    cloud: &Path,
-    masks: Option<&Path>,
-    settings: &Settings,
-    progress: &Progress,
-) -> Result<FuseSummary> {
-    if let Some(missing) = masks.filter(|folder| !folder.is_dir()) {
-        bail!("--masks {}: expected a folder", missing.display());
+/// The masks of the folder's own images, if there are any.
+fn masks(arguments: &FuseArguments) -> Result<Masks> {
+    match &arguments.masks {
+        None => Ok(Masks::None),
+        Some(folder) if folder.is_dir() => Ok(Masks::Folder(folder.clone())),
+        Some(missing) => bail!("--masks {}: expected a folder of masks", missing.display()),
     }
-    let fused = vamvs::fuse(folder, cloud, masks, &settings.fusion, &mut |event| progress.show(event))?;
+}
+
+/// Fuses and says what became of the pixels; no points at all are an error.
+pub fn merge(maps: &Maps, cloud: &Path, settings: &Settings, progress: &Progress) -> Result<FuseSummary> {
+    let mut show = |event| progress.show(event);
+    let fused = vamvs::fuse(maps, cloud, &settings.fusion, &settings.export, &mut show)?;
     if fused.points == 0 {
         bail!(
             "no point survived the filters, so no cloud was written: {}. Loosen --min-views, --confidence, --max-reprojection or --max-relative-depth, with `vamvs fuse {}`",
             fused.total(),
-            folder.root().display()
+            maps.root().display()
         );
     }
     progress.say(&fused.total().to_string());
+    say_exports(cloud, settings, progress);
     Ok(fused)
+}
+
+/// Where exports are.
+fn say_exports(cloud: &Path, settings: &Settings, progress: &Progress) {
+    let folder = cloud.parent().unwrap_or(Path::new(""));
+    let programs = settings.export.programs.iter().map(|program| match program {
+        Program::Colmap => "colmap",
+        Program::Openmvs => "openmvs",
+    });
+    let depths = (!settings.export.depth_formats.is_empty()).then_some("depths");
+    programs
+        .chain(depths)
+        .for_each(|name| progress.say(&format!("exported {}", folder.join(name).display())));
 }
 
 /// The summary for scripts.

@@ -2,10 +2,14 @@
 
 #[cfg(feature = "net")]
 mod depth;
+mod eval;
 mod fuse;
 mod info;
 #[cfg(feature = "net")]
 mod reconstruct;
+mod synth;
+#[cfg(feature = "net")]
+mod train;
 
 use anyhow::Result;
 
@@ -19,6 +23,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         #[cfg(feature = "net")]
         Command::Depth(arguments) => depth::run(arguments),
         Command::Fuse(arguments) => fuse::run(arguments),
+        Command::Synth(arguments) => synth::run(arguments),
+        #[cfg(feature = "net")]
+        Command::Train(arguments) => train::run(arguments),
+        Command::Eval(arguments) => eval::run(arguments),
         Command::Info(arguments) => info::run(arguments),
     }
 }

@@ -2,7 +2,8 @@
 
 use anyhow::Result;
 use serde_json::json;
-use vamvs::OutputFolder;
+use vamvs::io::masks::Masks;
+use vamvs::{Maps, OutputFolder};
 
 use super::{depth, fuse};
 use crate::arguments::ReconstructArguments;
@@ -12,13 +13,15 @@ use crate::progress::Progress;
 pub fn run(arguments: &ReconstructArguments) -> Result<()> {
     let mut settings = depth::settings(&arguments.depth)?;
     settings.apply_fusion(&arguments.fusion);
+    settings.apply_export(&arguments.export);
     settings.fusion.filter.validate()?;
     let common = &arguments.depth.common;
     let progress = Progress::new(common.quiet);
     let maps = depth::estimate(&arguments.depth, &settings, &progress)?;
     let folder = OutputFolder::new(&arguments.depth.out());
     // Masked pixels have no depth already.
-    let fused = fuse::merge(&folder, &folder.cloud(), None, &settings, &progress);
+    let made = Maps::open(folder.root(), Masks::None, &mut |event| progress.show(event))?;
+    let fused = fuse::merge(&made, &folder.cloud(), &settings, &progress);
     progress.finish();
     let fused = fused?;
     if common.json {

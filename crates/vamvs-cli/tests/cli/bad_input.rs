@@ -184,15 +184,20 @@ fn masks_leave_no_depth_and_a_wrong_folder_of_masks_is_an_error() {
     std::fs::create_dir_all(&masks).unwrap();
     let black_left = Grid::from_fn(Size::new(96, 64), |x, _| if x < 48 { 0_u16 } else { u16::MAX });
     image::save_png_gray16(&masks.join("0001.png"), &black_left).unwrap();
-    let output = scene.run("depth", &arguments);
-    expect_success(&output);
-    assert!(stderr(&output).contains("1 of 3 views have a mask"), "{}", stderr(&output));
-    let depth = vamvs::io::pfm::read_depth(&scene.out().join("depths/0001.pfm")).unwrap();
-    assert!(
-        depth.row(3).iter().enumerate().all(|(x, depth)| (*depth == 0.0) == (x < 6)),
-        "{:?}",
-        depth.row(3)
-    );
+    let masked = |x: usize| x < 6;
+    let depth_of = |arguments: &[&str], said: bool| {
+        let output = scene.run("depth", arguments);
+        expect_success(&output);
+        let line = format!("masks in {}: 1 of 3 views have one", masks.display());
+        assert_eq!(stderr(&output).contains(&line), said, "{}", stderr(&output));
+        vamvs::io::pfm::read_depth(&scene.out().join("depths/0001.pfm")).unwrap().row(3).to_vec()
+    };
+    let depth = depth_of(&arguments, true);
+    assert!(depth.iter().enumerate().all(|(x, depth)| (*depth == 0.0) == masked(x)), "{depth:?}");
+    // Those beside the photographs are found without being told.
+    assert_eq!(depth_of(&arguments[2..], true), depth);
+    let without = depth_of(&[&arguments[2..], &["--no-masks"]].concat(), false);
+    assert!(without.iter().all(|depth| *depth > 0.0), "{without:?}");
 }
 
 #[test]

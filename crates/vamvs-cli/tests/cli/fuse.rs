@@ -5,7 +5,7 @@ use vamvs::core::{Camera, DepthMap, Grid, Lens, View};
 use vamvs::output::{OutputFolder, Record, SavedMap};
 
 /// The true depth maps of a scene as an output folder.
-fn true_maps(scene: &Scene) -> OutputFolder {
+pub fn true_maps(scene: &Scene) -> OutputFolder {
     let folder = OutputFolder::new(&scene.out());
     let names: Vec<String> = (0..scene.views.len()).map(|i| format!("{i:04}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
@@ -21,7 +21,8 @@ fn true_maps(scene: &Scene) -> OutputFolder {
         };
         let range = vamvs_tests::folder::depth_range(view, 1.05).unwrap();
         let saved = SavedMap { map: &map, range, colour: &view.photo.image };
-        folder.save(name, &saved, &Record { made_of: "truth".into() }).unwrap();
+        let record = Record { made_of: "truth".into(), planes: None, sources: Vec::new() };
+        folder.save(name, &saved, &record).unwrap();
     }
     folder.write_pairs(&names, &(0..names.len()).map(others).collect::<Vec<_>>()).unwrap();
     folder

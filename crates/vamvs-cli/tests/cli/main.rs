@@ -4,7 +4,10 @@
 
 #[cfg(feature = "net")]
 mod bad_input;
+mod eval;
+mod exchange;
 mod fuse;
 #[cfg(feature = "net")]
 mod resume;
 mod scene;
+mod synth;

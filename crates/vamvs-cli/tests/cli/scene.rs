@@ -83,7 +83,6 @@ pub fn write(path: &Path, bytes: impl AsRef<[u8]>) {
 }
 
 /// All files below a folder with their bytes.
-#[cfg(feature = "net")]
 pub fn content(folder: &Path) -> std::collections::BTreeMap<PathBuf, Vec<u8>> {
     let mut files = std::collections::BTreeMap::new();
     for entry in std::fs::read_dir(folder).unwrap() {

@@ -1,0 +1,204 @@
+//! What `vamvs eval` understands.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand, ValueEnum};
+
+/// The end of the command's help.
+pub const EXAMPLES: &str = "\
+Examples:
+  vamvs eval depth out truth                              depth maps of a scene, or of folders of scenes
+  vamvs eval cloud out/fused.ply truth.ply --thresholds 0.01,0.02
+  vamvs eval cloud scan1.ply stl001_total.ply --preset dtu --mask ObsMask1_10.mat --plane Plane1.mat
+  vamvs eval cloud Barn.ply truth/Barn.ply --preset tnt --tau 0.01 --crop Barn.json --align Barn_trans.txt
+  vamvs eval scene out truth                              both, with a page of pictures: out/eval.html";
+
+/// `eval`.
+#[derive(Debug, Args)]
+pub struct EvalArguments {
+    /// What to measure.
+    #[command(subcommand)]
+    pub what: EvalCommand,
+}
+
+/// What can be measured.
+#[derive(Debug, Subcommand)]
+pub enum EvalCommand {
+    /// Depth maps against true ones.
+    Depth(EvalDepthArguments),
+    /// A cloud against points of the true surface.
+    Cloud(EvalCloudArguments),
+    /// Depth maps and cloud of a scene against its true depth maps, with a page that shows the errors.
+    Scene(EvalSceneArguments),
+}
+
+/// `eval depth`.
+#[derive(Debug, Args)]
+pub struct EvalDepthArguments {
+    /// Folder of depth maps, as `vamvs depth` or others write it; a folder of such; or one depth map.
+    #[arg(value_name = "PRED")]
+    pub prediction: PathBuf,
+    /// The same of the truth: depths/, cams/, images/, and perhaps visibility/ and pair.txt.
+    #[arg(value_name = "TRUTH")]
+    pub truth: PathBuf,
+    /// How near is near.
+    #[command(flatten)]
+    pub thresholds: DepthThresholdFlags,
+    /// Depth of one step of a 16-bit PNG, scene units.
+    #[arg(long, value_name = "DEPTH", default_value_t = 0.001)]
+    pub png_step: f64,
+    /// How results are told.
+    #[command(flatten)]
+    pub general: EvalGeneralFlags,
+}
+
+/// `eval cloud`.
+#[derive(Debug, Args)]
+pub struct EvalCloudArguments {
+    /// The cloud.
+    #[arg(value_name = "CLOUD.ply")]
+    pub cloud: PathBuf,
+    /// Points of the true surface.
+    #[arg(value_name = "TRUTH.ply")]
+    pub truth: PathBuf,
+    /// Whose protocol.
+    #[arg(long, value_enum, default_value_t = CloudPreset::Generic)]
+    pub preset: CloudPreset,
+    /// generic: distances that are near, scene units.
+    #[arg(long, value_name = "DISTANCE,…", value_delimiter = ',', value_parser = positive)]
+    pub thresholds: Vec<f64>,
+    /// dtu.
+    #[command(flatten)]
+    pub dtu: DtuFlags,
+    /// tnt.
+    #[command(flatten)]
+    pub tnt: TntFlags,
+    /// How results are told.
+    #[command(flatten)]
+    pub general: EvalGeneralFlags,
+}
+
+/// Protocols.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum CloudPreset {
+    /// Distances in both directions, and shares within --thresholds.
+    Generic,
+    /// DTU's: thinned to 0.2 mm, mask, ground plane, distances below 20 mm.
+    Dtu,
+    /// That of Tanks and Temples: aligned, cropped, voxels of τ/2, precision and recall at τ.
+    Tnt,
+}
+
+/// What DTU's protocol needs.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "DTU")]
+pub struct DtuFlags {
+    /// The scan's observability mask.
+    #[arg(long, value_name = "ObsMaskN_10.mat")]
+    pub mask: Option<PathBuf>,
+    /// The scan's ground plane.
+    #[arg(long, value_name = "PlaneN.mat")]
+    pub plane: Option<PathBuf>,
+    /// Seed of the random order in which points are visited for thinning [default: 0].
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+}
+
+/// What the protocol of Tanks and Temples needs.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Tanks and Temples")]
+pub struct TntFlags {
+    /// The scene's threshold: Barn 0.01, Caterpillar 0.005, Church 0.025, Courthouse 0.025, Ignatius 0.003,
+    /// Meetingroom 0.01, Truck 0.005.
+    #[arg(long, value_name = "DISTANCE", value_parser = positive)]
+    pub tau: Option<f64>,
+    /// The part of the truth that counts.
+    #[arg(long, value_name = "SCENE.json")]
+    pub crop: Option<PathBuf>,
+    /// The transform from the cloud to the truth, 4×4 numbers [default: none, the frames are the same].
+    #[arg(long, value_name = "FILE")]
+    pub align: Option<PathBuf>,
+    /// Improve the alignment on the clouds (ICP with scale, in the benchmark's three steps).
+    #[arg(long)]
+    pub icp: bool,
+}
+
+impl DtuFlags {
+    /// Whether one of them is given.
+    pub fn is_given(&self) -> bool {
+        self.mask.is_some() || self.plane.is_some() || self.seed.is_some()
+    }
+}
+
+impl TntFlags {
+    /// Whether one of them is given.
+    pub fn is_given(&self) -> bool {
+        self.tau.is_some() || self.crop.is_some() || self.align.is_some() || self.icp
+    }
+}
+
+/// `eval scene`.
+#[derive(Debug, Args)]
+pub struct EvalSceneArguments {
+    /// Output folder of `vamvs reconstruct`.
+    #[arg(value_name = "OUT")]
+    pub out: PathBuf,
+    /// Folder of the truth: depths/, cams/, images/, and perhaps visibility/ and pair.txt.
+    #[arg(value_name = "TRUTH")]
+    pub truth: PathBuf,
+    /// The cloud [default: OUT/fused.ply, if it is there].
+    #[arg(long, value_name = "FILE.ply")]
+    pub cloud: Option<PathBuf>,
+    /// Distances of the cloud that are near, ascending, scene units [default: 0.5 and 1 % of the median depth].
+    #[arg(long, value_name = "DISTANCE,…", value_delimiter = ',', value_parser = positive)]
+    pub distances: Option<Vec<f64>>,
+    /// The page to write [default: OUT/eval.html].
+    #[arg(long, value_name = "FILE.html")]
+    pub html: Option<PathBuf>,
+    /// How near is near.
+    #[command(flatten)]
+    pub thresholds: DepthThresholdFlags,
+    /// How results are told.
+    #[command(flatten)]
+    pub general: EvalGeneralFlags,
+}
+
+/// How near a depth must be.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Thresholds")]
+pub struct DepthThresholdFlags {
+    /// In scene units.
+    #[arg(long, value_name = "DEPTH,…", value_delimiter = ',', value_parser = positive)]
+    pub absolute: Vec<f64>,
+    /// As shares of the true depth [default: 0.002,0.005,0.01,0.02, if no threshold is given].
+    #[arg(long, value_name = "SHARE,…", value_delimiter = ',', value_parser = positive)]
+    pub relative: Vec<f64>,
+    /// In distances of the sweep's planes [default: 1,3, if no threshold is given and the distance is known].
+    #[arg(long, value_name = "N,…", value_delimiter = ',', value_parser = positive)]
+    pub planes: Vec<f64>,
+    /// A plane distance, scene units [default: as depths/NAME.json tells].
+    #[arg(long, value_name = "DEPTH", value_parser = positive)]
+    pub plane_distance: Option<f64>,
+}
+
+/// How results are told.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "General")]
+pub struct EvalGeneralFlags {
+    /// Threads [default: one a core].
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Print nothing but results, errors and warnings.
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Print results as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.trim().parse() {
+        Ok(value) if value > 0.0 && f64::is_finite(value) => Ok(value),
+        _ => Err("expected a number above 0".to_owned()),
+    }
+}

@@ -1,0 +1,144 @@
+//! Depth maps of other programs in, and for other programs out.
+
+use std::path::{Path, PathBuf};
+
+use crate::fuse::true_maps;
+use crate::scene::{Scene, error_of, expect_success, vamvs};
+use vamvs::core::{Cloud, Grid, Lens};
+use vamvs::io::colmap::{Model, dense};
+use vamvs::io::{image, ply};
+
+fn fuse(folder: &Path, arguments: &[&str]) -> Cloud {
+    let output = vamvs().arg("fuse").arg(folder).args(arguments).output().unwrap();
+    expect_success(&output);
+    ply::read(&PathBuf::from(String::from_utf8(output.stdout).unwrap().trim())).unwrap()
+}
+
+/// Whether two clouds are the same but for the last digits, which cameras lose on their way through files.
+fn expect_same(a: &Cloud, b: &Cloud) {
+    assert_eq!(a.len(), b.len());
+    for (a, b) in a.iter().zip(b) {
+        let moved = (0..3).map(|i| (a.x_in_world[i] - b.x_in_world[i]).abs()).fold(0.0, f64::max);
+        assert!(moved < 1e-5 && a.views == b.views && a.colour == b.colour, "{a:?} or {b:?}");
+    }
+}
+
+/// The lists of a `.vis` file.
+fn seen_by(path: &Path) -> Vec<Vec<u32>> {
+    let bytes = std::fs::read(path).unwrap();
+    let mut numbers = bytes[8..].as_chunks::<4>().0.iter().map(|&bytes| u32::from_le_bytes(bytes));
+    let mut lists = Vec::new();
+    while let Some(count) = numbers.next() {
+        lists.push(numbers.by_ref().take(count as usize).collect());
+    }
+    assert_eq!(bytes[..8], (lists.len() as u64).to_le_bytes());
+    lists
+}
+
+#[test]
+fn a_workspace_for_colmap_holds_what_was_fused_and_fuses_to_the_same() {
+    let scene = Scene::new(128, 96, 5);
+    let folder = true_maps(&scene);
+    let cloud = fuse(folder.root(), &["--export", "colmap"]);
+    let workspace = folder.root().join("colmap");
+    expect_same(&ply::read(&workspace.join("fused.ply")).unwrap(), &cloud);
+    let lists = seen_by(&workspace.join("fused.ply.vis"));
+    assert_eq!(lists.len(), cloud.len());
+    assert!(lists.iter().zip(&cloud).all(|(views, point)| views.len() == usize::from(point.views)));
+    let model = Model::read(&workspace.join("sparse")).unwrap();
+    let names: Vec<_> = model.images.iter().map(|image| image.name.as_str()).collect();
+    assert_eq!(names, ["0000.png", "0001.png", "0002.png", "0003.png", "0004.png"]);
+    assert!(model.cameras.values().all(|camera| camera.lens == Lens::None && camera.size.width == 128));
+    for point in model.points.iter().step_by(97) {
+        for &(image, keypoint) in &point.track {
+            let image = &model.images[image as usize - 1];
+            let seen = image.observations[keypoint as usize];
+            let pixel =
+                model.cameras[&image.camera_id].project(&image.cam_from_world.transform(&point.x_in_world));
+            assert!(seen.point_id == Some(point.id) && (pixel.unwrap() - seen.pixel).norm() < 1e-6);
+        }
+    }
+    let map = |view: usize| dense::depth_map_path(&workspace, names[view], dense::MapKind::Geometric);
+    assert!(dense::read_depth_map(&map(2)).unwrap() == scene.views[2].depth);
+    // Fused again from there: neighbours come from the model's points now, all four others as before.
+    expect_same(&fuse(&workspace, &[]), &cloud);
+    assert!(workspace.join("vamvs.ply").is_file(), "COLMAP's fused.ply is left alone");
+    expect_same(&fuse(&workspace.join("stereo"), &["--out", scene.path("b.ply").to_str().unwrap()]), &cloud);
+}
+
+#[test]
+fn the_folder_of_a_network_is_fused_like_our_own() {
+    let scene = Scene::new(128, 96, 4);
+    let folder = true_maps(&scene);
+    let cloud = fuse(folder.root(), &[]);
+    let network = scene.path("network");
+    std::fs::rename(folder.root(), &network).unwrap();
+    std::fs::rename(network.join("depths"), network.join("depth_est")).unwrap();
+    expect_same(&fuse(&network, &[]), &cloud);
+    expect_same(&fuse(&network.join("depth_est"), &[]), &cloud);
+    // A network that tells no confidence, one of the maps missing.
+    std::fs::remove_dir_all(network.join("confidence")).unwrap();
+    std::fs::remove_file(network.join("depth_est/0003.pfm")).unwrap();
+    let fewer = fuse(&network, &[]);
+    assert!(!fewer.is_empty() && fewer.len() < cloud.len());
+}
+
+#[test]
+fn images_that_are_distorted_are_no_dense_workspace() {
+    let scene = Scene::new(64, 48, 3);
+    let folder = true_maps(&scene);
+    fuse(folder.root(), &["--export", "colmap"]);
+    let sparse = folder.root().join("colmap/sparse");
+    let mut model = Model::read(&sparse).unwrap();
+    let lens = Lens::Rational { k: [0.1, 0.0, 0.0, 0.0, 0.0, 0.0], p: [0.0; 2] };
+    model.cameras.values_mut().for_each(|camera| camera.lens = lens);
+    model.write_binary(&sparse).unwrap();
+    let said = error_of(&vamvs().arg("fuse").arg(folder.root().join("colmap")).output().unwrap());
+    assert!(said.contains("undistorted"), "{said}");
+}
+
+#[test]
+fn depth_maps_come_in_other_formats_with_the_step_of_pngs() {
+    let scene = Scene::new(64, 48, 3);
+    let folder = true_maps(&scene);
+    let own = std::fs::read(folder.depth("0000")).unwrap();
+    let before = std::fs::metadata(folder.depth("0000")).unwrap().modified().unwrap();
+    let cloud = scene.path("else/where.ply");
+    std::fs::create_dir(cloud.parent().unwrap()).unwrap();
+    let formats = ["--depth-format", "pfm,png,exr,npy"];
+    fuse(folder.root(), &formats);
+    assert_eq!(std::fs::metadata(folder.depth("0000")).unwrap().modified().unwrap(), before);
+    fuse(folder.root(), &[&formats[..], &["--out", cloud.to_str().unwrap()]].concat());
+    let depths = scene.path("else/depths");
+    assert!(std::fs::read(depths.join("0000.pfm")).unwrap() == own);
+    let step: f64 = std::fs::read_to_string(depths.join("png-step.txt")).unwrap().trim().parse().unwrap();
+    let read = vamvs::io::depth::read(&depths.join("0002.png"), step).unwrap();
+    let farthest = |grid: &Grid<f32>| grid.data().iter().copied().fold(0.0, f32::max);
+    assert!(f64::from(farthest(&read)) < 65_535.0 * step && step < 1e-3);
+    for (read, truth) in read.data().iter().zip(scene.views[2].depth.data()) {
+        assert!((read - truth).abs() <= 0.51 * step as f32, "{read} or {truth}");
+    }
+    assert!(depths.join("0001.exr").is_file() && depths.join("0001.npy").is_file());
+    let wrong =
+        vamvs().arg("fuse").arg(folder.root()).args(["--depth-format", "png", "--png-step", "0"]).output();
+    assert!(error_of(&wrong.unwrap()).contains("png-step"));
+}
+
+#[test]
+fn a_scene_for_openmvs_has_all_its_files() {
+    let scene = Scene::new(64, 48, 4);
+    let folder = true_maps(&scene);
+    let cloud = fuse(folder.root(), &["--export", "openmvs"]);
+    let root = folder.root().join("openmvs");
+    expect_same(&ply::read(&root.join("scene_dense.ply")).unwrap(), &cloud);
+    let loaded = vamvs::io::openmvs::read_scene(&root.join("scene.mvs"), None).unwrap();
+    assert_eq!(loaded.images, root.join("images"));
+    assert_eq!(loaded.scene.points.len(), cloud.len());
+    for (view, truth) in loaded.scene.views.iter().zip(&scene.views) {
+        let camera = truth.photo.camera;
+        assert!((view.camera.intrinsics.cx - camera.intrinsics.cx).abs() < 1e-9);
+        assert!((view.cam_from_world.rotation - truth.photo.cam_from_world.rotation).amax() < 1e-9);
+        assert_eq!(image::stored_size(&root.join("images").join(&view.name)).unwrap(), camera.size);
+    }
+    assert!((0..4).all(|view| root.join(format!("depth{view:04}.dmap")).is_file()));
+}
