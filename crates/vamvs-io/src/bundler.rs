@@ -41,7 +41,7 @@ pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoErro
     let views = views.collect::<Result<_, _>>()?;
     let left_out = place.iter().filter(|place| place.is_none()).count();
     let warning = format!("{left_out} of {} cameras were not registered and are left out", place.len());
-    let points = points.into_iter().map(|point| renumbered(point, &place)).collect();
+    let points = points.iter().map(|point| renumbered(point, &place)).collect();
     let warnings = if left_out > 0 { vec![warning] } else { Vec::new() };
     Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
 }
@@ -167,6 +167,7 @@ fn registered_places(cameras: &[Option<BundleCamera>]) -> Vec<Option<usize>> {
     cameras.iter().map(place).collect()
 }
 
-fn renumbered(point: SparsePoint, place: &[Option<usize>]) -> SparsePoint {
-    SparsePoint { views: point.views.iter().filter_map(|&camera| place[camera]).collect(), ..point }
+fn renumbered(point: &SparsePoint, place: &[Option<usize>]) -> SparsePoint {
+    let views = point.views.iter().filter_map(|&camera| place[camera]).collect();
+    SparsePoint { x_in_world: point.x_in_world, views }
 }

@@ -174,7 +174,7 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
         let said = error(read_transforms(&files, &transforms));
         assert!(said.contains(expected), "{place}: {said}");
     }
-    let mut sized = good.clone();
+    let mut sized = good;
     (sized["w"], sized["h"]) = (json!(8.5), json!(6));
     assert!(error(read_transforms(&files, &sized)).contains("w and h"));
     let broken = files.save("transforms.json", "{\n\"frames\": [,]}");
@@ -190,9 +190,9 @@ fn bundle(files: &Files, list: &str) -> PathBuf {
         let (rotation, translation) = (flip * pose(view).rotation, flip * pose(view).translation);
         let focal = if view == 1 { 0.0 } else { 12.0 };
         text += &format!("{focal} 0.03 -0.01\n");
-        (0..3).for_each(|i| {
-            text += &format!("{} {} {}\n", rotation[(i, 0)], rotation[(i, 1)], rotation[(i, 2)])
-        });
+        for i in 0..3 {
+            text += &format!("{} {} {}\n", rotation[(i, 0)], rotation[(i, 1)], rotation[(i, 2)]);
+        }
         text += &format!("{} {} {}\n", translation.x, translation.y, translation.z);
     }
     text += &format!("{} {} {}\n255 0 0\n3 2 17 0.5 0.5 1 3 0 0 0 4 -1 2\n", POINT[0], POINT[1], POINT[2]);

@@ -167,15 +167,7 @@ impl Estimator {
         iteration: Iteration,
     ) -> FlowStage<'a> {
         let strip_rows = self.strip_rows(reference);
-        FlowStage {
-            network: &self.network,
-            reference,
-            sources,
-            planes,
-            visibility,
-            iteration,
-            strip_rows,
-        }
+        FlowStage { network: &self.network, reference, sources, planes, visibility, iteration, strip_rows }
     }
 
     /// Rows of a strip that holds `strip_points` points.

@@ -71,8 +71,7 @@ impl FlowStage<'_> {
         profile: &mut Profile,
     ) -> Result<PlaneMap, NetError> {
         let scale = self.iteration.scale;
-        let lattice =
-            PixelLattice::new(scale, (x, y), COARSE_SCALE / scale, self.reference.size_at(scale));
+        let lattice = PixelLattice::new(scale, (x, y), COARSE_SCALE / scale, self.reference.size_at(scale));
         let rows = lattice.y.len();
         let reach = self.network.manifest().flow_layers * WINDOW_RADIUS;
         let mut strips = Vec::new();

@@ -4,7 +4,8 @@ use std::sync::LazyLock;
 
 use vamvs_core::Rgb;
 
-static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|value| decode(value as f32 / 255.0)));
+static LINEAR: LazyLock<[f32; 256]> =
+    LazyLock::new(|| std::array::from_fn(|value| decode(value as f32 / 255.0)));
 
 /// Linear light of an 8-bit sRGB colour, 0 to 1.
 pub(crate) fn linear(rgb: Rgb) -> [f32; 3] {

@@ -9,9 +9,16 @@ use crate::colour::luminance;
 use crate::pixels::fill;
 use crate::render::{Estimate, Pixel, PixelSurface};
 
-/// Passes of the filter, each twice as wide as the one before.
-const DIFFUSE_PASSES: u32 = 5;
-const SPECULAR_PASSES: u32 = 3;
+/// How one kind of light is smoothed.
+struct Strength {
+    /// Passes of the filter, each twice as wide as the one before.
+    passes: u32,
+    /// Brightness, in that of neighbours, beyond which a pixel owes it to a rare bright path.
+    spark: f32,
+}
+
+const DIFFUSE: Strength = Strength { passes: 5, spark: 3.0 };
+const SPECULAR: Strength = Strength { passes: 3, spark: 1.0 };
 /// The filter's weights from the middle outwards.
 const KERNEL: [f32; 3] = [0.375, 0.25, 0.0625];
 /// Standard deviations of noise by which pixels of one surface's even light may differ.
@@ -24,24 +31,30 @@ const OFF_PLANE: (f32, f32) = (0.08, 1.5);
 /// The light of `pixels` without most of its noise.
 pub(crate) fn denoised(pixels: &Grid<Pixel>) -> Grid<[f32; 3]> {
     let guide = pixels.map(|pixel| pixel.surface);
-    let diffuse = smoothed(&guide, pixels.map(|pixel| pixel.diffuse), DIFFUSE_PASSES);
-    let specular = smoothed(&guide, pixels.map(|pixel| pixel.specular), SPECULAR_PASSES);
+    let diffuse = smoothed(&guide, &pixels.map(|pixel| pixel.diffuse), &DIFFUSE);
+    // Pixels that show a surface's border are like no other, and left as noisy as they were.
+    let diffuse = without_sparks(&diffuse, 1.0);
+    let specular = smoothed(&guide, &pixels.map(|pixel| pixel.specular), &SPECULAR);
     fill(pixels.size(), |x, y| {
         let at = (x, y);
         Pixel { diffuse: diffuse[at], specular: specular[at], ..pixels[at] }.radiance().into()
     })
 }
 
-fn smoothed(guide: &Grid<Option<PixelSurface>>, light: Grid<Estimate>, passes: u32) -> Grid<Estimate> {
-    let light = calmed(&without_sparks(&light));
-    (0..passes).fold(light, |light, pass| {
+fn smoothed(
+    guide: &Grid<Option<PixelSurface>>,
+    light: &Grid<Estimate>,
+    strength: &Strength,
+) -> Grid<Estimate> {
+    let light = calmed(&without_sparks(light, strength.spark));
+    (0..strength.passes).fold(light, |light, pass| {
         let filter = Filter { guide, light: &light, step: 1 << pass };
         fill(light.size(), |x, y| filter.at(x, y))
     })
 }
 
-/// No pixel brighter than the second brightest around it: single paths that met a rare bright light.
-fn without_sparks(light: &Grid<Estimate>) -> Grid<Estimate> {
+/// No pixel brighter than `most` times the second brightest around it.
+fn without_sparks(light: &Grid<Estimate>, most: f32) -> Grid<Estimate> {
     fill(light.size(), |x, y| {
         let mut brightest = [0.0_f32; 2];
         for (i, j) in around(light, x, y).filter(|&at| at != (x, y)) {
@@ -49,8 +62,12 @@ fn without_sparks(light: &Grid<Estimate>) -> Grid<Estimate> {
             brightest = [brightest[0].max(other), brightest[1].max(other.min(brightest[0]))];
         }
         let own = light[(x, y)];
-        let scale = (brightest[1] / luminance(own.mean.into())).min(1.0);
-        if scale.is_nan() { own } else { Estimate { mean: own.mean * scale, variance: own.variance * scale * scale } }
+        let scale = (most * brightest[1] / luminance(own.mean.into())).min(1.0);
+        if scale.is_nan() {
+            own
+        } else {
+            Estimate { mean: own.mean * scale, variance: own.variance * scale * scale }
+        }
     })
 }
 

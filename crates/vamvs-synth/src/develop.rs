@@ -40,6 +40,9 @@ impl Default for Effects {
 /// Linear light that becomes mid-grey: what the surfaces of a scene reflect on the average.
 const MID_GREY: f32 = 0.17;
 
+/// The share of the surfaces that may be too bright for a photograph.
+const BURNT: f64 = 0.04;
+
 /// Linear light from which on the tone curve bends, so that highlights fade instead of clipping.
 const SHOULDER: f32 = 0.7;
 
@@ -67,13 +70,19 @@ pub fn develop(shots: &[Shot], effects: &Effects, random: &mut Pcg64) -> Vec<Gri
         .collect()
 }
 
-/// The factor that makes the geometric mean of the surfaces' luminance mid-grey.
+/// The factor that makes the geometric mean of the surfaces' luminance mid-grey, less where that would
+/// burn out more than [`BURNT`] of them.
 fn exposure(shots: &[Shot]) -> f32 {
     let pixels = shots.iter().flat_map(|shot| shot.radiance.data().iter().zip(shot.truth.id.data()));
-    let lit = pixels.filter(|&(light, &id)| id > 0 && luminance(light) > 0.0);
-    let (sum, count) =
-        lit.fold((0.0, 0), |(sum, count), (light, _)| (sum + f64::from(luminance(light)).ln(), count + 1));
-    if count == 0 { 1.0 } else { MID_GREY / (sum / f64::from(count)).exp() as f32 }
+    let surfaces = pixels.filter(|&(_, &id)| id > 0).map(|(light, _)| luminance(light));
+    let mut lit: Vec<f32> = surfaces.filter(|&luminance| luminance > 0.0).collect();
+    if lit.is_empty() {
+        return 1.0;
+    }
+    let mean = lit.iter().map(|&value| f64::from(value).ln()).sum::<f64>() / lit.len() as f64;
+    let brightest = ((1.0 - BURNT) * (lit.len() - 1) as f64) as usize;
+    let bright = *lit.select_nth_unstable_by(brightest, f32::total_cmp).1;
+    (MID_GREY / mean.exp() as f32).min(1.0 / bright)
 }
 
 /// By the weights of sRGB's primaries.
@@ -208,6 +217,14 @@ mod tests {
         let photos = developed(&[shot(|_, _| [1.0; 3]), shot(|_, _| [4.0; 3])], Effects::NONE);
         // 0.085 and 0.34 around the geometric mean 0.17.
         assert_eq!([photos[0][(0, 0)], photos[1][(0, 0)]], [[82; 3], [158; 3]]);
+    }
+
+    #[test]
+    fn few_bright_things_on_a_dark_ground_do_not_burn_out() {
+        let bright = |share: usize| move |x: usize, _| if x < share { [1.0; 3] } else { [0.01; 3] };
+        // 6 of 64 columns are more than may burn out, 2 of 64 less.
+        assert_eq!(developed(&[shot(bright(6))], Effects::NONE)[0][(0, 0)][1], encode(1.0));
+        assert_eq!(developed(&[shot(bright(2))], Effects::NONE)[0][(0, 0)][1], 255);
     }
 
     #[test]

@@ -93,7 +93,8 @@ mod tests {
 
     #[test]
     fn lattice_numbers_are_spread_evenly() {
-        let mean = |f: fn(f32) -> f32| (0..4096).map(|i| f(lattice([i % 16, i / 16, 3], 7))).sum::<f32>() / 4096.0;
+        let mean =
+            |f: fn(f32) -> f32| (0..4096).map(|i| f(lattice([i % 16, i / 16, 3], 7))).sum::<f32>() / 4096.0;
         assert!((mean(|v| v) - 0.5).abs() < 0.02);
         assert!((mean(|v| (v - 0.5).powi(2)) - 1.0 / 12.0).abs() < 0.005);
     }

@@ -64,7 +64,7 @@ impl Paths<'_> {
     /// The light that comes back along `cone`.
     pub fn follow(&self, cone: &Cone, sampler: &mut Sampler<'_>) -> Seen {
         let Some((mut surface, distance)) = self.meet(cone) else {
-            return Seen { background: self.lights.sky.radiance(&cone.ray.direction), ..Seen::default() };
+            return Seen { background: self.lights.sky.background(&cone.ray.direction), ..Seen::default() };
         };
         let (albedo, normal) = (surface.reflectance.albedo, *surface.normal());
         let first = Some(FirstSurface { albedo, normal, distance });

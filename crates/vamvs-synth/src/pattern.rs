@@ -135,7 +135,8 @@ impl Pattern {
     fn speckles(&self, u: f32, v: f32) -> f32 {
         let at = |period: i32, seed| plane([u, v].map(|c| c * period as f32), [period; 2], self.seed ^ seed);
         let [coarse, fine] = [at(8 * self.count(), 1), at(20 * self.count(), 2)];
-        0.5 + 0.35 * smooth(2.0 * coarse) - 0.35 * smooth(2.0 * fine - 0.3) + 0.15 * self.clouds([u, v], 4, 3, 0.6)
+        0.5 + 0.35 * smooth(2.0 * coarse) - 0.35 * smooth(2.0 * fine - 0.3)
+            + 0.15 * self.clouds([u, v], 4, 3, 0.6)
     }
 
     fn marble(&self, u: f32, v: f32) -> f32 {
@@ -178,7 +179,8 @@ impl Pattern {
     fn weave(&self, u: f32, v: f32) -> f32 {
         let over = (u.floor() + v.floor()).rem_euclid(2.0) < 1.0;
         let across = if over { u } else { v }.rem_euclid(1.0) - 0.5;
-        let thread = self.shade(if over { [u, 0.0] } else { [0.0, v] }, [8 * self.count(); 2], i32::from(over));
+        let thread =
+            self.shade(if over { [u, 0.0] } else { [0.0, v] }, [8 * self.count(); 2], i32::from(over));
         (1.0 - 3.0 * across * across) * (0.3 + 0.3 * f32::from(u8::from(over)) + 0.4 * thread)
     }
 
@@ -222,14 +224,20 @@ impl Pattern {
 fn random_colours(rng: &mut Pcg64) -> [[f32; 3]; 3] {
     let (dark, light) = (rng.random_range(30.0..110.0_f32), rng.random_range(130.0..235.0_f32));
     let middle = lerp(dark, light, rng.random_range(0.3..0.7));
-    let hue = rng.random_range(0.0..6.0_f32);
+    let hue = random_hue(rng);
     let mut colour = |brightness| {
-        let hue = if rng.random_bool(0.7) { hue + rng.random_range(-0.3..0.3) } else { rng.random_range(0.0..6.0) };
-        hsv(hue, 0.75 * rng.random::<f32>().powf(1.5), brightness)
+        let hue = if rng.random_bool(0.8) { hue + rng.random_range(-0.3..0.3) } else { random_hue(rng) };
+        hsv(hue, 0.75 * rng.random::<f32>().powi(2), brightness)
     };
     let colours = [colour(dark), colour(middle), colour(light)];
     let [a, b, c] = colours;
     if rng.random_bool(0.3) { [c, b, a] } else { colours }
+}
+
+/// Most things are red to yellow, 0 to 1.
+fn random_hue(rng: &mut Pcg64) -> f32 {
+    let widest = if rng.random_bool(0.6) { 1.0 } else { 6.0 };
+    rng.random_range(0.0..widest)
 }
 
 /// A colour by hue (0 to 6), saturation (0 to 1) and brightness (0 to 255).

@@ -192,3 +192,57 @@ impl Moments {
         ((self.squares / n - mean * mean) / (n - 1.0)).max(0.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::{Environment, Lamp, Material, Object, World, primitive};
+    use nalgebra::Similarity3;
+    use vamvs_core::{Grid, Intrinsics, Rgb, Size};
+
+    fn object(mesh: crate::Mesh, colour: Rgb, specular: f32, place: [f64; 3]) -> Object {
+        let albedo = Arc::new(Grid::filled(Size::new(1, 1), colour));
+        let material = Material { albedo, tiling: [1.0; 2], tint: [1.0; 3], specular, roughness: 0.3 };
+        let world_from_object = Similarity3::new(place.into(), Vector3::zeros(), 1.0);
+        Object { mesh: Arc::new(mesh), material, world_from_object }
+    }
+
+    /// A coated ball and a box on a floor under a lamp and a sky that is brighter on one side.
+    fn tracer() -> Tracer {
+        let objects = vec![
+            object(primitive::rectangle([6.0, 6.0]), [180; 3], 0.0, [0.0; 3]),
+            object(primitive::sphere(0.5, 12), [200, 160, 80], 0.2, [0.3, 0.2, 0.5]),
+            object(primitive::cuboid([0.5, 0.5, 1.0]), [80, 160, 200], 0.04, [-0.6, -0.2, 0.5]),
+        ];
+        let map = Arc::new(Grid::from_fn(Size::new(8, 4), |x, _| if x < 3 { [1.5; 3] } else { [0.2; 3] }));
+        let lamp = Lamp {
+            centre: Vector3::new(0.0, 0.5, 2.0),
+            half_u: Vector3::y() * 0.6,
+            half_v: Vector3::x() * 0.6,
+            radiance: [4.0; 3],
+        };
+        let environment = Environment { map, rotation: 0.4, strength: 1.0 };
+        Tracer::new(&World { objects, environment, lamps: vec![lamp] })
+    }
+
+    /// Mean light of each row of a small photograph.
+    fn rows(tracer: &Tracer, aim_at_lights: bool) -> Vec<f32> {
+        let intrinsics = Intrinsics { fx: 14.0, fy: 14.0, cx: 8.0, cy: 6.0 };
+        let camera = Pinhole { size: Size::new(16, 12), intrinsics };
+        let pose = Pose::look_at(&Vector3::new(2.0, -2.5, 1.6), &Vector3::z().scale(0.4), &Vector3::z());
+        let paths = Paths { aim_at_lights, ..tracer.paths(5) };
+        let exposure = Exposure { eye: Eye::new(&camera, &pose), paths, samples: 4096, seed: 1 };
+        let light = fill(camera.size, |x, y| exposure.pixel(x, y).radiance().y);
+        (0..12).map(|y| light.row(y).iter().sum::<f32>() / 16.0).collect()
+    }
+
+    #[test]
+    fn aiming_at_lights_changes_the_noise_but_not_the_light() {
+        let tracer = tracer();
+        for (aimed, met) in rows(&tracer, true).into_iter().zip(rows(&tracer, false)) {
+            assert!((aimed / met - 1.0).abs() < 0.02, "{aimed} {met}");
+        }
+    }
+}

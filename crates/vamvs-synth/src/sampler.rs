@@ -24,7 +24,8 @@ pub(crate) struct Sampler<'a> {
 impl Pattern {
     /// The numbers of pixel number `pixel`.
     pub fn new(seed: u64, pixel: u64) -> Self {
-        let mut random = Pcg64::seed_from_u64(seed ^ pixel.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let mut random =
+            Pcg64::seed_from_u64(seed ^ pixel.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
         Self { seeds: random.random(), random }
     }
 

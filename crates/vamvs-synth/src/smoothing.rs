@@ -116,7 +116,8 @@ mod tests {
     /// Two squares of side 1 that meet at the y axis, the second bent down by `angle`.
     fn bent(angle: f32) -> Facets {
         let far = [angle.cos(), 0.0, -angle.sin()];
-        let positions = [[-1.0, 0.0, 0.0], [0.0; 3], far, [-1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [far[0], 1.0, far[2]]];
+        let positions =
+            [[-1.0, 0.0, 0.0], [0.0; 3], far, [-1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [far[0], 1.0, far[2]]];
         Facets {
             positions: positions.to_vec(),
             uvs: vec![[0.0; 2]; 6],
@@ -127,7 +128,11 @@ mod tests {
     #[test]
     fn soft_edges_share_a_normal_and_creases_do_not() {
         let soft = bent(0.5).smooth(1.0);
-        assert_eq!((soft.positions.len(), soft.triangles.len()), (6, 4), "the degenerate triangle is left out");
+        assert_eq!(
+            (soft.positions.len(), soft.triangles.len()),
+            (6, 4),
+            "the degenerate triangle is left out"
+        );
         let edge = soft.positions.iter().position(|p| *p == [0.0; 3]).unwrap();
         let normal = Vector3::from(soft.normals[edge]);
         assert!(normal.angle(&Vector3::new(0.25_f32.sin(), 0.0, 0.25_f32.cos())) < 0.1);
@@ -146,8 +151,10 @@ mod tests {
         facets.uvs.extend([[1.0; 2]; 2]);
         facets.triangles[2..4].copy_from_slice(&[[6, 2, 5], [6, 5, 7]]);
         let mesh = facets.smooth(PI);
-        let at_edge: Vec<_> =
-            (0..8).filter(|&i| mesh.positions[i] == [0.0; 3]).map(|i| Vector3::from(mesh.normals[i])).collect();
+        let at_edge: Vec<_> = (0..8)
+            .filter(|&i| mesh.positions[i] == [0.0; 3])
+            .map(|i| Vector3::from(mesh.normals[i]))
+            .collect();
         assert_eq!(at_edge.len(), 2);
         assert!((at_edge[0] - at_edge[1]).norm() < 1e-6);
     }

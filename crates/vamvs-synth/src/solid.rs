@@ -1,5 +1,6 @@
 //! Convex pieces that stand for a mesh when it collides.
 
+use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
@@ -13,7 +14,13 @@ use crate::Mesh;
 const NEARLY_CONVEX: f32 = 0.9;
 
 /// Most vertices of a piece: more make collisions slow, not better.
-const MOST_VERTICES: usize = 240;
+const MOST_VERTICES: usize = 400;
+
+/// How far a mesh may reach out of its pieces, as a share of its diameter.
+const ALLOWED: f32 = 1e-3;
+
+/// Directions in which the vertices of a piece are first looked for.
+const DIRECTIONS: usize = 200;
 
 /// Half the thickness that a flat mesh is given, metres.
 const HALF_THICKNESS: f32 = 5e-4;
@@ -63,7 +70,9 @@ impl Solid {
 
     fn bounds(&self) -> [Vector3<f32>; 2] {
         let start = [Vector3::repeat(f32::INFINITY), Vector3::repeat(f32::NEG_INFINITY)];
-        self.points().map(|&point| Vector3::from(point)).fold(start, |[low, high], point| [low.inf(&point), high.sup(&point)])
+        self.points()
+            .map(|&point| Vector3::from(point))
+            .fold(start, |[low, high], point| [low.inf(&point), high.sup(&point)])
     }
 }
 
@@ -91,26 +100,44 @@ fn volume(points: &[Vector], triangles: &[[u32; 3]]) -> f32 {
 }
 
 fn decompose(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Vec<[f32; 3]>> {
-    let parameters = VHACDParameters { concavity: 0.01, resolution: 48, max_convex_hulls: 12, ..Default::default() };
+    let parameters =
+        VHACDParameters { concavity: 0.01, resolution: 48, max_convex_hulls: 12, ..Default::default() };
     let parts = VHACD::decompose(&parameters, points, triangles, true);
     let hulls = parts.compute_exact_convex_hulls(points, triangles);
     let pieces = hulls.into_iter().map(|(points, _)| extremes(&points));
     pieces.filter(|piece| try_convex_hull(piece).is_ok()).map(|piece| arrays(&piece)).collect()
 }
 
-/// The points that lie outermost in directions spread evenly over the sphere.
+/// Few points whose hull nearly is that of all: those outermost in directions spread evenly over the
+/// sphere, then again and again those farthest outside of the hull of what was chosen.
 fn extremes(points: &[Vector]) -> Vec<Vector> {
     if points.len() <= MOST_VERTICES {
         return points.to_vec();
     }
-    let outermost = |direction: Vector| {
-        let along = |index: &usize| points[*index].dot(direction);
-        (0..points.len()).max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(0)
-    };
-    let mut chosen: Vec<usize> = (0..MOST_VERTICES).map(|i| outermost(spread(i, MOST_VERTICES))).collect();
-    chosen.sort_unstable();
-    chosen.dedup();
-    chosen.into_iter().map(|index| points[index]).collect()
+    let allowed = ALLOWED * diameter(points);
+    let mut chosen: BTreeSet<usize> =
+        (0..DIRECTIONS).map(|i| outermost(points, spread(i, DIRECTIONS)).0).collect();
+    loop {
+        let few: Vec<Vector> = chosen.iter().map(|&index| points[index]).collect();
+        let Ok((hull, triangles)) = try_convex_hull(&few) else { return few };
+        let before = chosen.len();
+        for [a, b, c] in triangles.iter().map(|triangle| triangle.map(|vertex| hull[vertex as usize])) {
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            let (index, height) = outermost(points, normal);
+            if height > a.dot(normal) + allowed && chosen.len() < MOST_VERTICES {
+                chosen.insert(index);
+            }
+        }
+        if chosen.len() == before {
+            return few;
+        }
+    }
+}
+
+/// The point farthest along `direction`, and how far that is.
+fn outermost(points: &[Vector], direction: Vector) -> (usize, f32) {
+    let heights = points.iter().map(|point| point.dot(direction)).enumerate();
+    heights.fold((0, f32::NEG_INFINITY), |best, other| if other.1 > best.1 { other } else { best })
 }
 
 /// Direction `index` of `count` along a Fibonacci spiral.
@@ -123,7 +150,8 @@ fn spread(index: usize, count: usize) -> Vector {
 
 /// The points swept over a small cube.
 fn thickened(points: &[Vector]) -> Vec<Vector> {
-    let side = |corner: usize, axis: usize| if corner >> axis & 1 == 0 { -HALF_THICKNESS } else { HALF_THICKNESS };
+    let side =
+        |corner: usize, axis: usize| if corner >> axis & 1 == 0 { -HALF_THICKNESS } else { HALF_THICKNESS };
     let corner = |index| Vector::new(side(index, 0), side(index, 1), side(index, 2));
     points.iter().flat_map(|&point| (0..8).map(move |index| point + corner(index))).collect()
 }
@@ -146,6 +174,22 @@ mod tests {
         assert_eq!(solid.pieces.len(), 1);
         assert!(solid.points().all(|&p| (Vector::from(p).length() - 0.05).abs() < 1e-6));
         assert_eq!(Solid::of(&[&cuboid([0.1, 0.2, 0.3])]).pieces.len(), 1);
+    }
+
+    #[test]
+    fn meshes_hardly_reach_out_of_their_hulls() {
+        // A box of 10 cm with a bulge of 2 mm on top, which the corners outdo in most directions.
+        let bulge = |x: f32, y: f32| 0.1 + 0.002 * (1.0 - 400.0 * (x * x + y * y)).max(0.0);
+        let top = heightfield([0.1, 0.1], [40, 40], bulge);
+        let solid = Solid::of(&[&top, &cuboid([0.1, 0.1, 0.2])]);
+        let piece: Vec<Vector> = solid.points().map(|&p| Vector::from(p)).collect();
+        let (hull, triangles) = try_convex_hull(&piece).unwrap();
+        let outside = |point: Vector| {
+            let height = |[a, b, c]: [Vector; 3]| (b - a).cross(c - a).normalize().dot(point - a);
+            triangles.iter().map(|t| height(t.map(|v| hull[v as usize]))).fold(f32::MIN, f32::max)
+        };
+        let farthest = top.positions.iter().map(|&p| outside(Vector::from(p))).fold(0.0, f32::max);
+        assert!(farthest < 3e-4 && piece.len() <= MOST_VERTICES, "{farthest} m, {} points", piece.len());
     }
 
     #[test]

@@ -88,8 +88,7 @@ impl Tracer {
     #[must_use]
     pub fn first_hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<Hit> {
         let direction = direction.normalize();
-        let meeting =
-            self.geometry.nearest(&Ray { origin: origin.cast(), direction: direction.cast() })?;
+        let meeting = self.geometry.nearest(&Ray { origin: origin.cast(), direction: direction.cast() })?;
         let [a, b, c] = exact_corners(&self.world, meeting.face);
         let normal = (b - a).cross(&(c - a)).normalize();
         Some(Hit {

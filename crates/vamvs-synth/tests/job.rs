@@ -43,9 +43,17 @@ impl Set {
     }
 
     fn run(&self, scenes: Range<u64>) -> Result<SynthSummary, SynthError> {
+        self.run_showing(scenes, &mut |_| {})
+    }
+
+    fn run_showing(
+        &self,
+        scenes: Range<u64>,
+        show: &mut dyn FnMut(SynthEvent),
+    ) -> Result<SynthSummary, SynthError> {
         let Self { folder, assets, options, seed, force } = self;
         let job = SynthJob { assets, options, seed: *seed, out: folder.path(), force: *force };
-        job.run(scenes, &mut |_| {})
+        job.run(scenes, show)
     }
 
     fn made(self, scenes: Range<u64>) -> Self {
@@ -84,22 +92,15 @@ fn expect_equal(found: &BTreeMap<PathBuf, Vec<u8>>, expected: &BTreeMap<PathBuf,
 }
 
 #[test]
-fn equal_jobs_make_equal_files_with_any_number_of_threads() {
-    let with_threads = |threads| {
+fn scenes_depend_on_their_number_and_the_seed_but_not_on_threads_and_other_scenes() {
+    let with_threads = |threads, scenes| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| Set::new().made(0..2).files())
+        pool.install(|| Set::new().made(scenes))
     };
-    let files = with_threads(1);
-    expect_equal(&with_threads(3), &files);
-    assert_eq!(files.len(), 2 * (6 * 3 + 3), "six files a view; pairs, sheet and record");
-}
-
-#[test]
-fn a_scene_does_not_depend_on_which_others_are_made() {
-    let (all, second) = (Set::new().made(0..2), Set::new().made(1..2));
+    let (both, second) = (with_threads(1, 0..2).files(), with_threads(3, 1..2));
+    assert_eq!(both.len(), 2 * (6 * 3 + 3), "six files a view; pairs, sheet and record");
     let of_second = |path: &PathBuf| path.starts_with("scene-00001");
-    let expected = all.files().into_iter().filter(|(path, _)| of_second(path)).collect();
-    expect_equal(&second.files(), &expected);
+    expect_equal(&second.files(), &both.into_iter().filter(|(path, _)| of_second(path)).collect());
     let other = Set { seed: 6, ..Set::new() }.made(1..2);
     let image = |set: &Set| fs::read(set.scene(1).image(0)).unwrap();
     assert_ne!(image(&other), image(&second));
@@ -108,20 +109,23 @@ fn a_scene_does_not_depend_on_which_others_are_made() {
 #[test]
 fn complete_scenes_are_kept_and_others_refused_unless_forced() {
     let mut set = Set::new().made(0..1);
-    assert_eq!(set.run(0..2).unwrap(), SynthSummary { made: 1, kept: 1 });
     let before = set.files();
+    assert_eq!(set.run(0..1).unwrap(), SynthSummary { made: 0, kept: 1 });
     set.options.effects = Effects::NONE;
-    let error = set.run(0..2).unwrap_err().to_string();
+    let error = set.run(0..1).unwrap_err().to_string();
     assert!(
         error.contains("scene-00000") && error.contains("effects") && error.contains("--force"),
         "{error}"
     );
     expect_equal(&set.files(), &before);
     set.force = true;
-    assert_eq!(set.run(0..2).unwrap(), SynthSummary { made: 2, kept: 0 });
-    assert_eq!(set.run(0..2).unwrap(), SynthSummary { made: 0, kept: 2 });
-    let undisturbed = Set { options: set.options.clone(), ..Set::new() }.made(0..2);
-    expect_equal(&set.files(), &undisturbed.files());
+    assert_eq!(set.run(0..1).unwrap(), SynthSummary { made: 1, kept: 0 });
+    assert_eq!(set.run(0..1).unwrap(), SynthSummary { made: 0, kept: 1 });
+    let after = set.files();
+    let depth =
+        |files: &BTreeMap<PathBuf, Vec<u8>>| files[Path::new("scene-00000/depths/00000000.pfm")].clone();
+    assert_eq!(depth(&after), depth(&before), "effects change photographs alone");
+    assert_ne!(after, before);
 }
 
 #[test]
@@ -140,25 +144,6 @@ fn an_interrupted_scene_is_made_anew() {
 }
 
 #[test]
-fn events_tell_every_view_and_every_scene() {
-    let set = Set::new();
-    let job = SynthJob {
-        assets: &set.assets,
-        options: &set.options,
-        seed: set.seed,
-        out: set.folder.path(),
-        force: false,
-    };
-    let mut events = Vec::new();
-    job.run(4..5, &mut |event| events.push(event)).unwrap();
-    let views = (1..=3).map(|done| SynthEvent::View { scene: 4, done, total: 3 });
-    assert!(events.iter().take(3).cloned().eq(views), "{events:?}");
-    let Some(SynthEvent::Scene { scene: 4, style: Style::Turntable, kept: false, .. }) = events.last() else {
-        panic!("{events:?}")
-    };
-}
-
-#[test]
 fn options_that_make_no_scene_are_refused() {
     let wrong = [
         SynthOptions { views: 1, ..options() },
@@ -174,9 +159,25 @@ fn options_that_make_no_scene_are_refused() {
     }
 }
 
+/// Three views and a scene, twice.
+fn expect_all_events(events: &[SynthEvent]) {
+    let styles = [Style::Turntable, Style::Facade];
+    for ((scene, events), style) in (0..).zip(events.chunks(4)).zip(styles) {
+        let views = (1..=3).map(|done| SynthEvent::View { scene, done, total: 3 });
+        assert!(events.iter().take(3).cloned().eq(views), "{events:?}");
+        let Some(SynthEvent::Scene { scene: of, style: told, kept: false, .. }) = events.last() else {
+            panic!("{events:?}")
+        };
+        assert_eq!((*of, *told), (scene, style));
+    }
+    assert_eq!(events.len(), 8);
+}
+
 #[test]
 fn the_files_are_one_scene() {
-    let set = Set::new().made(0..2);
+    let (set, mut events) = (Set::new(), Vec::new());
+    set.run_showing(0..2, &mut |event| events.push(event)).unwrap();
+    expect_all_events(&events);
     for number in 0..2 {
         let folder = set.scene(number);
         let read = |name: &str| folder.root().join(name);

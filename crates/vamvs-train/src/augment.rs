@@ -75,7 +75,11 @@ mod tests {
 
     #[test]
     fn a_retaken_photograph_shows_the_same_in_another_light() {
-        let image = Grid::from_fn(Size::new(64, 64), |x, y| if (x / 8 + y / 8) % 2 == 0 { [60; 3] } else { [180; 3] });
+        let image =
+            Grid::from_fn(
+                Size::new(64, 64),
+                |x, y| if (x / 8 + y / 8) % 2 == 0 { [60; 3] } else { [180; 3] },
+            );
         let mut rng = Pcg64::seed_from_u64(1);
         let retaken = retake(&image, &mut rng);
         let mean = |dark: bool| {

@@ -8,9 +8,9 @@ use tch::Tensor;
 use vamvs_io::{IoError, atomic};
 use vamvs_net::{Device, Network};
 
+use crate::TrainError;
 use crate::optimizer::Optimizer;
 use crate::options::TrainOptions;
-use crate::TrainError;
 
 /// Checkpoints that are kept.
 const KEPT: usize = 3;

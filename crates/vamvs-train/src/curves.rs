@@ -82,7 +82,10 @@ impl Log {
     pub fn draw(&self, path: &Path) -> Result<(), TrainError> {
         let diagrams = [
             diagram("Loss of each stage, in its hypotheses' distance", &self.losses()),
-            diagram("Failures: share of validation pixels off by more than 1 % of the depth", &self.failures()),
+            diagram(
+                "Failures: share of validation pixels off by more than 1 % of the depth",
+                &self.failures(),
+            ),
             diagram("Share of validation pixels within d", &self.within()),
             diagram("Learning rate", &[curve("learning rate", &self.steps, |r| Some(r.learning_rate))]),
         ];
@@ -156,9 +159,10 @@ fn diagram(title: &str, curves: &[Curve]) -> String {
     let last = points().map(|point| point.0).fold(1.0, f64::max);
     let settled = points().filter(|point| point.0 > 0.05 * last).map(|point| point.1);
     let top = settled.fold(f64::MIN_POSITIVE, f64::max);
-    let (x, y) = (|step: f64| 50.0 + step / last * (WIDTH - 60.0), |v: f64| {
-        HEIGHT - 25.0 - (v / top).clamp(0.0, 1.05) * (HEIGHT - 50.0)
-    });
+    let (x, y) = (
+        |step: f64| 50.0 + step / last * (WIDTH - 60.0),
+        |v: f64| HEIGHT - 25.0 - (v / top).clamp(0.0, 1.05) * (HEIGHT - 50.0),
+    );
     let mut svg = format!("<h2>{title}</h2><svg width={WIDTH} height={HEIGHT}>");
     for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
         let (value, height) = (share * top, y(share * top));

@@ -1,5 +1,6 @@
 //! What can go wrong in training.
 
+use std::fmt::Display;
 use std::path::PathBuf;
 
 use tch::TchError;
@@ -58,7 +59,7 @@ pub enum TrainError {
 
 impl TrainError {
     /// The error of an option.
-    pub(crate) fn option(name: &'static str, expected: impl ToString, found: impl ToString) -> Self {
+    pub(crate) fn option(name: &'static str, expected: &str, found: &dyn Display) -> Self {
         Self::Option { name, expected: expected.to_string(), found: found.to_string() }
     }
 }

@@ -48,12 +48,8 @@ pub fn forward(
     let coarse = estimator.coarse(reference, &sources, &sample.planes, profile)?;
     let all = Lattice { scale: COARSE_SCALE, first: (0, 0) };
     let mut u = coarse.map.u.shallow_clone();
-    let mut stages = vec![StageOutput {
-        truth: all.truth(sample, &u)?,
-        u: coarse.map.u,
-        before: None,
-        step: 1.0,
-    }];
+    let mut stages =
+        vec![StageOutput { truth: all.truth(sample, &u)?, u: coarse.map.u, before: None, step: 1.0 }];
     let iterations: &[Iteration] = if flow { &estimator.options().iterations } else { &[] };
     let finest = iterations.last().map_or(COARSE_SCALE, |iteration| iteration.scale);
     for &iteration in iterations {

@@ -42,7 +42,7 @@ impl Optimizer {
             weights.push(Weight { mean: zeros()?, square: zeros()?, steps, name, value });
         }
         if weights.is_empty() {
-            return Err(TrainError::option("the network", "one with parameters to train", "one with none"));
+            return Err(TrainError::option("the network", "one with parameters to train", &"one with none"));
         }
         Ok(Self { weights, options: options.clone() })
     }

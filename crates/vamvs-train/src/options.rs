@@ -184,18 +184,18 @@ impl TrainOptions {
     pub fn check(&self) -> Result<(), TrainError> {
         let SampleOptions { crop, views, max_planes, min_scale, range_jitter, .. } = &self.sample;
         let at_least = |name, value: usize, least: usize| {
-            let wrong = || TrainError::option(name, format!("{least} at least"), value);
+            let wrong = || TrainError::option(name, &format!("{least} at least"), &value);
             if value < least { Err(wrong()) } else { Ok(()) }
         };
         let between = |name, value: f64, low: f64, high: f64| {
-            let wrong = || TrainError::option(name, format!("from {low} to {high}"), value);
+            let wrong = || TrainError::option(name, &format!("from {low} to {high}"), &value);
             if (low..=high).contains(&value) { Ok(()) } else { Err(wrong()) }
         };
         at_least("steps", self.steps, 1)?;
         at_least("batch", self.batch, 1)?;
         for side in crop {
             if *side < 32 || !side.is_multiple_of(8) {
-                return Err(TrainError::option("crop", "two multiples of 8 from 32 on", side));
+                return Err(TrainError::option("crop", "two multiples of 8 from 32 on", &side));
             }
         }
         at_least("the fewest views", views[0], 2)?;

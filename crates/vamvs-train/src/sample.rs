@@ -9,12 +9,12 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthRange, Grid, Photo, Pinhole, Planes, Size, Spacing};
 use vamvs_io::{image, pfm, visibility};
 
+use crate::TrainError;
 use crate::augment::retake;
 use crate::dataset::{Dataset, TrainingScene, TrainingView};
 use crate::options::SampleOptions;
 use crate::truth::Truth;
 use crate::validate::Validation;
-use crate::TrainError;
 
 /// How much larger than the reference's the cut-outs of source views are.
 const SOURCE_MARGIN: f64 = 1.2;
@@ -45,7 +45,12 @@ pub struct Sample {
 ///
 /// # Errors
 /// If a file cannot be read, or a reference view has no true depth at all.
-pub fn draw(dataset: &Dataset, options: &SampleOptions, seed: u64, number: u64) -> Result<Sample, TrainError> {
+pub fn draw(
+    dataset: &Dataset,
+    options: &SampleOptions,
+    seed: u64,
+    number: u64,
+) -> Result<Sample, TrainError> {
     let mut rng = Pcg64::seed_from_u64(seed ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(17));
     let references = dataset.references();
     let (scene, reference) = references[rng.random_range(0..references.len())];
@@ -258,12 +263,7 @@ fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, Trai
     })
 }
 
-fn truth(
-    view: &TrainingView,
-    depth: Grid<f32>,
-    sources: &[usize],
-    cut: &Cut,
-) -> Result<Truth, TrainError> {
+fn truth(view: &TrainingView, depth: Grid<f32>, sources: &[usize], cut: &Cut) -> Result<Truth, TrainError> {
     let step = stored_step(view, &depth);
     let tiles = match &view.visibility {
         Some(path) => visibility::read(path, depth.size())?,

@@ -84,9 +84,9 @@ mod tests {
     use super::*;
     use vamvs_core::{DepthRange, Size, Spacing};
 
-    /// The plane 1 / z = 0.2 + 0.01 x + 0.02 y in image coordinates.
+    /// The plane 1 / z = 0.2 + 0.0005 x + 0.001 y in image coordinates.
     fn plane() -> Truth {
-        let inverse = |x: usize, y: usize| 0.2 + 0.01 * (x as f64 + 0.5) + 0.02 * (y as f64 + 0.5);
+        let inverse = |x: usize, y: usize| 0.2 + 5e-4 * (x as f64 + 0.5) + 1e-3 * (y as f64 + 0.5);
         Truth {
             depth: Grid::from_fn(Size::new(12, 10), |x, y| (1.0 / inverse(x, y)) as f32),
             visibility: Vec::new(),
@@ -99,7 +99,7 @@ mod tests {
     fn a_plane_is_met_exactly_between_pixels() {
         let truth = Truth { step: [1.5, 2.0], ..plane() };
         for place in [[0.5, 0.5], [1.0, 2.0], [3.21, 1.77]] {
-            let exact = 1.0 / (0.2 + 0.01 * (2.0 + 1.5 * place[0]) + 0.02 * (1.0 + 2.0 * place[1]));
+            let exact = 1.0 / (0.2 + 5e-4 * (2.0 + 1.5 * place[0]) + 1e-3 * (1.0 + 2.0 * place[1]));
             assert!((truth.depth_at(place).unwrap() / exact - 1.0).abs() < 1e-5);
         }
     }

@@ -6,9 +6,9 @@ use tch::Tensor;
 use vamvs_core::{Grid, Photo, Planes, Size, Visibility};
 use vamvs_net::{Estimator, Profile};
 
+use crate::TrainError;
 use crate::dataset::Dataset;
 use crate::sample::{Sample, whole};
-use crate::TrainError;
 
 /// The paper's d for refined maps, in plane distances; for the coarse map it is 1.
 const REFINED_D: f64 = 0.375;

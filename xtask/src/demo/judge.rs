@@ -70,10 +70,12 @@ pub fn judge(scene: &DemoScene, out: &Path) -> Result<Verdict> {
 }
 
 fn true_surface(views: &[Rendered]) -> Vec<[f64; 3]> {
-    let map = |view: &'_ Rendered| -> TrueMap<'_> {
-        TrueMap { camera: &view.photo.camera, cam_from_world: &view.photo.cam_from_world, depth: &view.depth }
-    };
-    seen_twice(&views.iter().map(map).collect::<Vec<_>>(), STEP)
+    let maps = views.iter().map(|view| TrueMap {
+        camera: &view.photo.camera,
+        cam_from_world: &view.photo.cam_from_world,
+        depth: &view.depth,
+    });
+    seen_twice(&maps.collect::<Vec<_>>(), STEP)
 }
 
 fn places(cloud: &[CloudPoint]) -> Vec<[f64; 3]> {

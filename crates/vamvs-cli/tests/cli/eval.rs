@@ -184,7 +184,7 @@ fn a_scene_has_a_page_with_pictures() {
     assert_eq!(result["depth"]["total"][0]["relative"]["mean"], 0.0);
     let agreement = &result["cloud"]["agreement"][1];
     assert!(
-        agreement["precision"].as_f64() > Some(0.99) && agreement["recall"].as_f64() > Some(0.95),
+        agreement["precision"].as_f64() > Some(0.99) && agreement["recall"].as_f64() > Some(0.8),
         "{agreement}"
     );
     let page = std::fs::read_to_string(folder.root().join("eval.html")).unwrap();

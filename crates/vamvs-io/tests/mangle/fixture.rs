@@ -14,6 +14,8 @@ use vamvs_io::{
     visibility as tiles,
 };
 
+use crate::mat_file;
+
 /// The size of all pictures and maps.
 pub const SIZE: Size = Size::new(8, 6);
 
@@ -211,4 +213,32 @@ pub fn visibility(folder: &Path) -> Fixture {
     let tile = Grid::filled(Size::new(SIZE.width, SIZE.height / 2), Visibility::Visible);
     tiles::write(&folder.join("v.png"), &[tile.clone(), tile]).unwrap();
     Fixture::new(folder, &["v.png"])
+}
+
+fn mask(folder: &Path, content: &[Vec<u8>]) -> Fixture {
+    super::write(&folder.join("mask.mat"), &mat_file::mat_file(content));
+    let plane = mat_file::variable("P", 6, &[4, 1], &mat_file::doubles(&[0.1, 0.2, 1.0, -650.0]));
+    super::write(&folder.join("plane.mat"), &mat_file::mat_file(&[plane]));
+    Fixture::new(folder, &["mask.mat", "plane.mat"])
+}
+
+pub fn dtu(folder: &Path) -> Fixture {
+    mask(folder, &mat_file::mask_variables())
+}
+
+pub fn dtu_compressed(folder: &Path) -> Fixture {
+    let compressed: Vec<Vec<u8>> =
+        mat_file::mask_variables().iter().map(|variable| mat_file::compressed(variable)).collect();
+    mask(folder, &compressed)
+}
+
+pub fn tnt(folder: &Path) -> Fixture {
+    let polygon = json!([[0, 0, 9], [4, 0, 9], [4, 0, 2], [0, 0, 2]]);
+    let volume = json!({
+        "axis_max": 3.5, "axis_min": -1.25, "bounding_polygon": polygon, "class_name": "SelectionPolygonVolume",
+        "orthogonal_axis": "Y", "version_major": 1, "version_minor": 0,
+    });
+    text(folder, "volume.json", &volume.to_string());
+    text(folder, "alignment.txt", "2 0 0 1\n0 2 0 2\n0 0 2 3\n0 0 0 1\n");
+    Fixture::new(folder, &["volume.json", "alignment.txt"])
 }

@@ -9,6 +9,8 @@
 
 mod damage;
 mod fixture;
+#[path = "../mat_file/mod.rs"]
+mod mat_file;
 mod memory;
 
 use std::fs;
@@ -18,7 +20,8 @@ use std::time::{Duration, Instant};
 use proptest::test_runner::{Config, TestCaseError, TestRunner};
 use vamvs_core::Size;
 use vamvs_io::{
-    atomic, bundler, colmap, depth, image, masks, mvsnet, nerfstudio, nvm, openmvs, pfm, ply, visibility,
+    atomic, bundler, colmap, depth, dtu, image, masks, mvsnet, nerfstudio, nvm, openmvs, pfm, ply, tnt,
+    visibility,
 };
 
 use fixture::{Fixture, SIZE};
@@ -35,6 +38,9 @@ const BASE: usize = 4 << 20;
 
 /// Bytes that a picture may take: what it announces, up to `image`'s limit, twice while it is converted.
 const PICTURE: usize = 4 << 30;
+
+/// Bytes that a compressed file may take: what it says that it unpacks to.
+const COMPRESSED: usize = 1 << 30;
 
 /// A reader: what it reads of a folder, whether that succeeded, and the most memory that it may take
 /// however small the files are.
@@ -136,6 +142,11 @@ readers! {
     webp: fixture::webp, PICTURE, |f| read_picture(&f.join("a.webp"));
     mask: fixture::png, PICTURE, |f| masks::load(&f.join("a.png"), SIZE).is_ok();
     depth_png: fixture::depth_png, PICTURE, |f| depth::read(&f.join("d.png"), 0.001).is_ok();
+    dtu_mask: fixture::dtu, BASE, |f| dtu::read_mask(&f.join("mask.mat")).is_ok();
+    dtu_mask_compressed: fixture::dtu_compressed, COMPRESSED, |f| dtu::read_mask(&f.join("mask.mat")).is_ok();
+    dtu_plane: fixture::dtu, BASE, |f| dtu::read_plane(&f.join("plane.mat")).is_ok();
+    tnt_volume: fixture::tnt, BASE, |f| tnt::read_volume(&f.join("volume.json")).is_ok();
+    tnt_alignment: fixture::tnt, BASE, |f| tnt::read_alignment(&f.join("alignment.txt")).is_ok();
     visibility_tiles: fixture::visibility, PICTURE, |f| {
         visibility::read(&f.join("v.png"), Size::new(SIZE.width, SIZE.height / 2)).is_ok()
     };

@@ -98,10 +98,12 @@ impl Assets {
     pub(crate) fn material(&self, look: Look, extent: f32, rng: &mut Pcg64) -> Result<Material, AssetError> {
         let procedural = rng.random_bool(PROCEDURAL);
         let plain = look == Look::Any && rng.random_bool(PLAIN);
-        let surface = match self.textures.choose(rng) {
-            _ if plain => Surface::plain(extent, rng),
-            Some(photograph) if !procedural => Surface::photograph(photograph, extent, rng)?,
-            _ => Surface::pattern(look, extent, rng),
+        let surface = if plain {
+            Surface::plain(extent, rng)
+        } else if procedural || self.textures.is_empty() {
+            Surface::pattern(look, extent, rng)
+        } else {
+            Surface::photograph(&self.textures, extent, rng)?
         };
         Ok(surface.material(rng))
     }

@@ -79,7 +79,8 @@ fn parts(path: &Path, models: &[tobj::Model], textures: &[Option<PathBuf>]) -> R
         }
     }
     let smooth = |(texture, facets): (_, Facets)| Part { mesh: facets.smooth(CREASE), texture };
-    let parts: Vec<Part> = joined.into_iter().map(smooth).filter(|part| !part.mesh.triangles.is_empty()).collect();
+    let parts: Vec<Part> =
+        joined.into_iter().map(smooth).filter(|part| !part.mesh.triangles.is_empty()).collect();
     if parts.is_empty() {
         return Err(AssetError::mesh(path, "expected triangles, found none; is the file complete?"));
     }

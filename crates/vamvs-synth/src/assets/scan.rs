@@ -102,7 +102,8 @@ mod tests {
         assert!(message.contains("meshes (.obj)") && message.contains("2 files"), "{message}");
         let none = AssetFilter::new(&["x*"], &[]).unwrap();
         assert!(matches!(names(folder.path(), &TEXTURES, &none), Err(AssetError::Empty { .. })));
-        let missing = scan(Path::new("no/such"), &MESHES, &AssetFilter::default(), &mut blake3::Hasher::new());
+        let missing =
+            scan(Path::new("no/such"), &MESHES, &AssetFilter::default(), &mut blake3::Hasher::new());
         assert!(missing.unwrap_err().to_string().contains("no/such"));
     }
 

@@ -52,7 +52,9 @@ fn bottle(rng: &mut Pcg64) -> Mesh {
     let height = rng.random_range(0.1..0.2);
     let shoulder = height * rng.random_range(0.5..0.75);
     let mut profile = vec![[0.0, 0.0], [radius, 0.0], [radius, shoulder]];
-    let blend = |t: f32| [neck + (radius - neck) * 0.5 * (1.0 + (PI * t).cos()), shoulder + 0.6 * t * (height - shoulder)];
+    let blend = |t: f32| {
+        [neck + (radius - neck) * 0.5 * (1.0 + (PI * t).cos()), shoulder + 0.6 * t * (height - shoulder)]
+    };
     profile.extend((1..=8).map(|i| blend(i as f32 / 8.0)));
     profile.extend([[neck, height], [0.0, height]]);
     lathe(&profile, SIDES)

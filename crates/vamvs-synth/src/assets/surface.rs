@@ -1,11 +1,12 @@
 //! Pictures with a size in the world, and the coats over them.
 
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use rand::RngExt;
 use rand::seq::IndexedRandom;
 use rand_pcg::Pcg64;
+use rayon::prelude::*;
 use vamvs_core::{Grid, Rgb, Size};
 
 use super::AssetError;
@@ -16,6 +17,9 @@ use crate::pattern::{Motif, Pattern};
 const LARGE_SIDE: usize = 512;
 const SMALL_SIDE: usize = 256;
 const LARGE: f32 = 0.4;
+
+/// How many photographs are looked at for a large surface.
+const CANDIDATES: usize = 5;
 
 /// Width and height of plain patterns, pixels: they have little to show.
 const PLAIN_SIDE: usize = 128;
@@ -65,10 +69,16 @@ impl Surface {
         Self { picture: Arc::new(picture), size: [extent * log_uniform(0.3..1.0, rng); 2] }
     }
 
-    /// A photograph, with its mirror images beside it so that it repeats without a seam, for
-    /// surfaces of about `extent` metres.
-    pub fn photograph(file: &Path, extent: f32, rng: &mut Pcg64) -> Result<Self, AssetError> {
-        let picture = mirrored(&vamvs_io::image::load_rgb(file)?);
+    /// One of the photographs, with its mirror images beside it so that it repeats without a seam,
+    /// for surfaces of about `extent` metres. On large ones repetition shows least if the picture is
+    /// even, so there it is the evenest of a few.
+    pub fn photograph(files: &[PathBuf], extent: f32, rng: &mut Pcg64) -> Result<Self, AssetError> {
+        let count = if extent < LARGE { 1 } else { CANDIDATES };
+        let candidates: Vec<&PathBuf> = (0..count).filter_map(|_| files.choose(rng)).collect();
+        let pictures: Vec<Grid<Rgb>> =
+            candidates.par_iter().map(|file| vamvs_io::image::load_rgb(file)).collect::<Result<_, _>>()?;
+        let evenest = pictures.iter().min_by(|a, b| unevenness(a).total_cmp(&unevenness(b)));
+        let picture = mirrored(evenest.expect("there are photographs"));
         let width = extent * log_uniform(0.5..1.5, rng);
         let aspect = picture.height() as f32 / picture.width() as f32;
         Ok(Self { picture: Arc::new(picture), size: [width, width * aspect] })
@@ -95,6 +105,25 @@ pub(crate) fn log_uniform(range: std::ops::Range<f32>, rng: &mut Pcg64) -> f32 {
     range.start * (range.end / range.start).powf(rng.random())
 }
 
+/// How much the means of the cells of a 4 × 4 grid over the picture differ: the variance of their
+/// sRGB values.
+fn unevenness(picture: &Grid<Rgb>) -> f64 {
+    let mut cells = [([0.0; 3], 0.0); 16];
+    for y in 0..picture.height() {
+        for (x, pixel) in picture.row(y).iter().enumerate() {
+            let (sum, count) = &mut cells[4 * (4 * y / picture.height()) + 4 * x / picture.width()];
+            (0..3).for_each(|i| sum[i] += f64::from(pixel[i]));
+            *count += 1.0;
+        }
+    }
+    let means = cells.map(|(sum, count)| sum.map(|value| value / f64::max(count, 1.0)));
+    let variance = |i: usize| {
+        let mean = means.iter().map(|cell| cell[i]).sum::<f64>() / 16.0;
+        means.iter().map(|cell| (cell[i] - mean).powi(2)).sum::<f64>() / 16.0
+    };
+    (0..3).map(variance).sum()
+}
+
 fn mirrored(picture: &Grid<Rgb>) -> Grid<Rgb> {
     let (width, height) = (picture.width(), picture.height());
     let fold = |i: usize, side: usize| i.min(2 * side - 1 - i);
@@ -113,6 +142,16 @@ mod tests {
         let row: Vec<u8> = picture.row(0).iter().map(|c| c[0]).collect();
         assert_eq!(row, [0, 1, 2, 2, 1, 0]);
         assert_eq!(picture.row(3), picture.row(0));
+    }
+
+    #[test]
+    fn even_pictures_vary_only_in_small() {
+        let of =
+            |f: fn(usize, usize) -> u8| unevenness(&Grid::from_fn(Size::new(64, 48), |x, y| [f(x, y); 3]));
+        assert_eq!(of(|x, y| 255 * ((x + y) % 2) as u8), 0.0);
+        // Halves of 0 and 200 have a variance of 100² in each of three channels.
+        assert_eq!(of(|x, _| if x < 32 { 0 } else { 200 }), 3e4);
+        assert_eq!(of(|_, y| if y < 24 { 0 } else { 200 }), 3e4);
     }
 
     #[test]

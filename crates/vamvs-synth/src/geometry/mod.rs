@@ -25,6 +25,7 @@ pub(crate) struct Geometry {
     /// In the order of the hierarchy's leaves.
     corners: Vec<Corners>,
     faces: Vec<Face>,
+    /// The largest coordinate in size: rounding errors are in proportion to it.
     extent: f32,
 }
 
@@ -67,11 +68,6 @@ impl Geometry {
         Self { bvh, corners, faces, extent }
     }
 
-    /// The largest coordinate of the scene in size: rounding errors are in proportion to it.
-    pub fn extent(&self) -> f32 {
-        self.extent
-    }
-
     /// The first triangle that the ray meets.
     pub fn nearest(&self, ray: &Ray) -> Option<Meeting> {
         if self.corners.is_empty() {
@@ -80,15 +76,17 @@ impl Geometry {
         let (unit, sheared) = (UNIT * self.extent, Sheared::new(ray.origin.into(), ray.direction.into()));
         let mut best = Crossing { t: f32::INFINITY, ..Crossing::default() };
         let mut best_index = None;
-        self.bvh.ray_traverse(box_ray(ray, unit, f32::INFINITY), &mut RayHit::none(), |_, index| {
-            match sheared.meet(&self.corners[index]) {
+        self.bvh.ray_traverse(
+            box_ray(ray, unit, f32::INFINITY),
+            &mut RayHit::none(),
+            |_, index| match sheared.meet(&self.corners[index]) {
                 Some(crossing) if crossing.t > 0.0 && crossing.t < best.t => {
                     (best, best_index) = (crossing, Some(index));
                     crossing.t / unit
                 }
                 _ => f32::INFINITY,
-            }
-        });
+            },
+        );
         let index = best_index?;
         let corners = self.corners[index].map(Vector3::from);
         Some(Meeting { face: self.faces[index], distance: best.t, weights: best.weights, corners })

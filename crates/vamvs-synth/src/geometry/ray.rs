@@ -37,7 +37,7 @@ impl Sheared {
     }
 
     /// Where the ray, forwards and backwards, meets the triangle.
-    #[inline]
+    #[inline(always)]
     pub fn meet(&self, corners: &Corners) -> Option<Crossing> {
         let [a, b, c] = [self.along(&corners[0]), self.along(&corners[1]), self.along(&corners[2])];
         let edges = [edge(&c, &b), edge(&a, &c), edge(&b, &a)];

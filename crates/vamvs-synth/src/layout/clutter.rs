@@ -22,7 +22,8 @@ enum Surround {
 pub(super) fn build(mut set: Set) -> Result<Layout, AssetError> {
     let ground = set.material(Look::Any, 1.2)?;
     set.ground(GROUND, &ground);
-    let surround = [Surround::Open, Surround::Open, Surround::Corner, Surround::Box][set.rng.random_range(0..4)];
+    let surround =
+        [Surround::Open, Surround::Open, Surround::Corner, Surround::Box][set.rng.random_range(0..4)];
     let half = set.rng.random_range(0.15..0.24);
     match surround {
         Surround::Open => {}

@@ -81,7 +81,15 @@ impl Plan {
         let storey = rng.random_range(1.8..2.8);
         let window = [bay * rng.random_range(0.35..0.6), storey * rng.random_range(0.4..0.6)];
         let storeys = rng.random_range(1..=3);
-        Self { bays, storeys, bay, storey, window, depth: rng.random_range(0.08..0.3), door: rng.random_range(0..bays) }
+        Self {
+            bays,
+            storeys,
+            bay,
+            storey,
+            window,
+            depth: rng.random_range(0.08..0.3),
+            door: rng.random_range(0..bays),
+        }
     }
 
     fn width(&self) -> f64 {
@@ -106,7 +114,10 @@ impl Plan {
             let z = (storey as f64 + 0.55) * self.storey;
             let low = if is_door { 0.0 } else { z - 0.5 * self.window[1] };
             let half = 0.5 * self.window[0];
-            Opening { x: [(x - half) as f32, (x + half) as f32], z: [low as f32, (z + 0.5 * self.window[1]) as f32] }
+            Opening {
+                x: [(x - half) as f32, (x + half) as f32],
+                z: [low as f32, (z + 0.5 * self.window[1]) as f32],
+            }
         };
         places.map(opening).collect()
     }

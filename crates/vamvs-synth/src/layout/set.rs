@@ -46,7 +46,12 @@ impl<'a> Set<'a> {
     }
 
     /// As [`Self::place`], enlarged.
-    pub fn place_scaled(&mut self, mesh: Arc<Mesh>, material: &Material, world_from_object: Similarity3<f64>) {
+    pub fn place_scaled(
+        &mut self,
+        mesh: Arc<Mesh>,
+        material: &Material,
+        world_from_object: Similarity3<f64>,
+    ) {
         self.objects.push(Object { mesh, material: material.clone(), world_from_object });
     }
 

@@ -8,8 +8,8 @@ use rand::RngExt;
 
 use super::set::{Set, upright};
 use super::{Focus, Layout};
-use crate::assets::{AssetError, Look};
 use crate::Mesh;
+use crate::assets::{AssetError, Look};
 use crate::noise::Octaves;
 use crate::primitive::{blob, cuboid, extrusion, heightfield, lathe};
 
@@ -78,7 +78,8 @@ fn anywhere(set: &mut Set) -> [f64; 2] {
 /// Rocks of a few shapes, most of them small.
 fn add_rocks(set: &mut Set, relief: &Relief) -> Result<(), AssetError> {
     let shapes: [Arc<Mesh>; 9] = std::array::from_fn(|_| Arc::new(blob(1.0, 16, 0.4, 3.5, set.rng.random())));
-    let materials = [set.material(Look::Earth, 2.0)?, set.material(Look::Earth, 2.0)?, set.material(Look::Any, 2.0)?];
+    let materials =
+        [set.material(Look::Earth, 2.0)?, set.material(Look::Earth, 2.0)?, set.material(Look::Any, 2.0)?];
     for _ in 0..set.rng.random_range(40..160) {
         let radius = 0.03 + 0.3 * set.rng.random::<f64>().powi(4);
         let centre = relief.at(anywhere(set)) + Vector3::z() * radius * 0.3;
@@ -95,7 +96,8 @@ fn add_houses(set: &mut Set, relief: &Relief) -> Result<(), AssetError> {
     let (walls, roofs) = (set.material(Look::Rich, 0.8)?, set.material(Look::Rich, 0.6)?);
     for _ in 0..set.rng.random_range(3..10) {
         let place = anywhere(set);
-        let size = [set.rng.random_range(0.5..1.1), set.rng.random_range(0.4..0.7), set.rng.random_range(0.4..0.9)];
+        let size =
+            [set.rng.random_range(0.5..1.1), set.rng.random_range(0.4..0.7), set.rng.random_range(0.4..0.9)];
         let yaw = set.rng.random_range(0.0..TAU);
         // The lower half stands in the ground, which may be steep.
         let base = relief.at(place);

@@ -32,8 +32,15 @@ pub(super) fn build(mut set: Set) -> Result<Layout, AssetError> {
     let finished = set.finish(0.5);
     let centre = finished.things.iter().map(|(middle, _)| middle).sum::<Vector3<f64>>()
         / finished.things.len().max(1) as f64;
-    let radius = finished.things.iter().map(|(middle, radius)| (middle - centre).norm() + radius).fold(0.1, f64::max);
-    let focus = Focus { centre, radius, axis: Vector3::z(), spread: 80_f64.to_radians(), lowest: 10_f64.to_radians() };
+    let radius =
+        finished.things.iter().map(|(middle, radius)| (middle - centre).norm() + radius).fold(0.1, f64::max);
+    let focus = Focus {
+        centre,
+        radius,
+        axis: Vector3::z(),
+        spread: 80_f64.to_radians(),
+        lowest: 10_f64.to_radians(),
+    };
     Ok(Layout { objects: finished.objects, focus })
 }
 

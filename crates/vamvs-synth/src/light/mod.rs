@@ -46,10 +46,14 @@ impl Lights {
         let total = self.strength(position);
         let mut left = choice * total - self.sky_strength();
         if left < 0.0 {
-            let (direction, density) = self.sky.sample(uv);
-            let density = density * self.sky_strength() / total;
-            let radiance = self.sky.radiance(&direction);
-            return Some(LightSample { direction, distance: f32::INFINITY, radiance, density });
+            let (direction, light) = self.sky.sample(uv);
+            let density = light.density * self.sky_strength() / total;
+            return Some(LightSample {
+                direction,
+                distance: f32::INFINITY,
+                radiance: light.radiance,
+                density,
+            });
         }
         for lamp in &self.lamps {
             let strength = lamp.strength(position);
@@ -73,8 +77,8 @@ impl Lights {
             Some(Emitted { radiance: lamp.radiance, density: density * lamp.strength(&ray.origin) / total })
         };
         let from_sky = (distance == f32::INFINITY).then(|| {
-            let density = self.sky.density(&ray.direction) * self.sky_strength() / total;
-            Emitted { radiance: self.sky.radiance(&ray.direction), density }
+            let light = self.sky.light(&ray.direction);
+            Emitted { radiance: light.radiance, density: light.density * self.sky_strength() / total }
         });
         self.lamps.iter().filter_map(from_lamp).chain(from_sky)
     }

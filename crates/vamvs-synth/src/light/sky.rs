@@ -9,10 +9,16 @@ use crate::Environment;
 use crate::colour::luminance;
 use crate::surface::around;
 
+/// The widest map that surfaces are lit by, pixels: 1.4 degrees each, and small enough for a processor's
+/// cache.
+const LIGHT_WIDTH: usize = 256;
+
 /// An environment with the distribution of its light. Its pixels' columns run clockwise seen from
 /// above, so that it is not mirrored for a viewer inside.
 pub(crate) struct Sky {
     environment: Environment,
+    /// The map that surfaces are lit by.
+    light: Grid<[f32; 3]>,
     /// For each row, the running sum of its pixels' shares of the row's light.
     columns: Grid<f32>,
     /// The running sum of the rows' shares of all light.
@@ -21,19 +27,28 @@ pub(crate) struct Sky {
     mean: f32,
 }
 
+/// Light from a direction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SkyLight {
+    /// Linear.
+    pub radiance: Vector3<f32>,
+    /// Density of [`Sky::sample`] by solid angle.
+    pub density: f32,
+}
+
 impl Sky {
     pub fn new(environment: &Environment) -> Self {
-        let map = &environment.map;
-        let size = map.size();
-        let mean_over = |x, y| luminance(mean_of_interpolated(map, x, y));
-        let light = Grid::from_fn(size, |x, y| mean_over(x, y) * row_height(size, y));
+        let light = reduced(&environment.map, LIGHT_WIDTH);
+        let size = light.size();
+        let mean_over = |x, y| luminance(mean_of_interpolated(&light, x, y));
+        let weights = Grid::from_fn(size, |x, y| mean_over(x, y) * row_height(size, y));
         let mut columns = Grid::filled(size, 0.0);
-        let sums = (0..size.height).map(|y| running_shares(light.row(y), columns.row_mut(y)));
+        let sums = (0..size.height).map(|y| running_shares(weights.row(y), columns.row_mut(y)));
         let sums: Vec<f32> = sums.collect();
         let mut rows = vec![0.0; size.height];
         let total = running_shares(&sums, &mut rows);
         let mean = environment.strength * total / (2.0 * size.width as f32);
-        Self { environment: environment.clone(), columns, rows, mean }
+        Self { environment: environment.clone(), light, columns, rows, mean }
     }
 
     /// Mean luminance over all directions.
@@ -41,42 +56,46 @@ impl Sky {
         self.mean
     }
 
-    /// Linear radiance from a direction.
-    pub fn radiance(&self, direction: &Vector3<f32>) -> Vector3<f32> {
-        let (u, height) = self.coordinates(direction);
-        let size = self.columns.size();
-        let (x, y) = (u * size.width as f32 - 0.5, height.acos() / PI * size.height as f32 - 0.5);
-        interpolated(&self.environment.map, x, y) * self.environment.strength
+    /// What is seen in a direction.
+    pub fn background(&self, direction: &Vector3<f32>) -> Vector3<f32> {
+        let place = self.place(direction);
+        interpolated(&self.environment.map, place) * self.environment.strength
     }
 
-    /// A direction and its density by solid angle, for numbers in [0, 1).
-    pub fn sample(&self, [u, v]: [f32; 2]) -> (Vector3<f32>, f32) {
-        let size = self.columns.size();
+    /// The light from a direction.
+    pub fn light(&self, direction: &Vector3<f32>) -> SkyLight {
+        let place = self.place(direction);
+        let Size { width, height } = self.light.size();
+        let column = ((place[0] * width as f32) as usize).min(width - 1);
+        let row = ((place[1] * height as f32) as usize).min(height - 1);
+        SkyLight { radiance: self.radiance(place), density: self.cell_density(column, row) }
+    }
+
+    /// A direction for numbers in [0, 1), and the light from there.
+    pub fn sample(&self, [u, v]: [f32; 2]) -> (Vector3<f32>, SkyLight) {
+        let size = self.light.size();
         let (y, v) = pick(&self.rows, v);
         let (x, u) = pick(self.columns.row(y), u);
         let (above, below) = row_bounds(size, y);
         let height = above + v * (below - above);
-        let turn = (x as f32 + u) / size.width as f32 - self.environment.rotation as f32 / TAU;
-        (around(height, -turn), self.cell_density(x, y))
+        let turn = (x as f32 + u) / size.width as f32;
+        let radiance = self.radiance([turn, height.clamp(-1.0, 1.0).acos() / PI]);
+        let direction = around(height, -turn + self.environment.rotation as f32 / TAU);
+        (direction, SkyLight { radiance, density: self.cell_density(x, y) })
     }
 
-    /// The density of [`Self::sample`] at a direction.
-    pub fn density(&self, direction: &Vector3<f32>) -> f32 {
-        let (u, height) = self.coordinates(direction);
-        let size = self.columns.size();
-        let column = ((u * size.width as f32) as usize).min(size.width - 1);
-        let row = ((height.acos() / PI * size.height as f32) as usize).min(size.height - 1);
-        self.cell_density(column, row)
+    fn radiance(&self, place: [f32; 2]) -> Vector3<f32> {
+        interpolated(&self.light, place) * self.environment.strength
     }
 
-    /// Turns in [0, 1) from the map's left border, and the height.
-    fn coordinates(&self, direction: &Vector3<f32>) -> (f32, f32) {
+    /// Where a direction is on the map: from left to right and from top to bottom, each 0 to 1.
+    fn place(&self, direction: &Vector3<f32>) -> [f32; 2] {
         let azimuth = direction.y.atan2(direction.x) - self.environment.rotation as f32;
-        ((-azimuth / TAU).rem_euclid(1.0), direction.z.clamp(-1.0, 1.0))
+        [(-azimuth / TAU).rem_euclid(1.0), direction.z.clamp(-1.0, 1.0).acos() / PI]
     }
 
     fn cell_density(&self, x: usize, y: usize) -> f32 {
-        let size = self.columns.size();
+        let size = self.light.size();
         let share = step(&self.rows, y) * step(self.columns.row(y), x);
         share * size.width as f32 / (TAU * row_height(size, y))
     }
@@ -120,15 +139,37 @@ fn pick(shares: &[f32], number: f32) -> (usize, f32) {
     (index, if within.is_nan() { 0.5 } else { within.clamp(0.0, 1.0) })
 }
 
+/// The map at most `width` wide, by the mean over the pixels that fall into one.
+fn reduced(map: &Grid<[f32; 3]>, width: usize) -> Grid<[f32; 3]> {
+    let from = map.size();
+    let height = (from.height * width / from.width.max(1)).max(1);
+    if from.width <= width {
+        return map.clone();
+    }
+    let mut sums = Grid::filled(Size::new(width, height), [0.0_f32; 4]);
+    for y in 0..from.height {
+        let (row, weight) = (y * height / from.height, row_height(from, y));
+        for (x, light) in map.row(y).iter().enumerate() {
+            let sum = &mut sums[(x * width / from.width, row)];
+            sum.iter_mut().zip(light).for_each(|(sum, light)| *sum += weight * light);
+            sum[3] += weight;
+        }
+    }
+    sums.map(|&[red, green, blue, weight]| [red / weight, green / weight, blue / weight])
+}
+
 /// The map between its pixels' centres; it is closed along x.
-fn interpolated(map: &Grid<[f32; 3]>, x: f32, y: f32) -> Vector3<f32> {
+fn interpolated(map: &Grid<[f32; 3]>, place: [f32; 2]) -> Vector3<f32> {
+    let (x, y) = (place[0] * map.width() as f32 - 0.5, place[1] * map.height() as f32 - 0.5);
     let (left, top) = (x.floor(), y.floor());
-    let column = |i: i64| i.rem_euclid(map.width() as i64) as usize;
-    let row = |j: i64| j.clamp(0, map.height() as i64 - 1) as usize;
-    let (i, j) = (left as i64, top as i64);
-    let at = |i, j| Vector3::from(map[(column(i), row(j))]);
-    let along = |j| at(i, j).lerp(&at(i + 1, j), x - left);
-    along(j).lerp(&along(j + 1), y - top)
+    let column = |i: f32| (i as isize).rem_euclid(map.width() as isize) as usize;
+    let row = |j: f32| (j.max(0.0) as usize).min(map.height() - 1);
+    let (x0, x1) = (column(left), column(left + 1.0));
+    let along = |j| {
+        let row = map.row(row(j));
+        Vector3::from(row[x0]).lerp(&row[x1].into(), x - left)
+    };
+    along(top).lerp(&along(top + 1.0), y - top)
 }
 
 /// The mean over a pixel of the interpolated map: each neighbour reaches half a pixel into it.
@@ -161,11 +202,13 @@ mod tests {
     }
 
     #[test]
-    fn samples_have_the_density_that_is_told_for_their_direction() {
+    fn samples_have_the_light_that_is_told_for_their_direction() {
         let sky = sky(Size::new(48, 24), 0.7);
         let alike = |uv| {
-            let (direction, density) = sky.sample(uv);
-            (sky.density(&direction) - density).abs() < 1e-3 * density
+            let (direction, light) = sky.sample(uv);
+            let other = sky.light(&direction);
+            (other.density - light.density).abs() < 1e-3 * light.density
+                && (other.radiance - light.radiance).norm() < 1e-2 * light.radiance.norm()
         };
         let agreeing = points(4096).filter(|&uv| alike(uv)).count();
         assert!(agreeing > 4090, "{agreeing}: only samples at the border of a pixel may round into the next");
@@ -174,10 +217,10 @@ mod tests {
     #[test]
     fn the_light_summed_by_samples_is_that_of_evenly_spread_directions() {
         let sky = sky(Size::new(48, 24), -2.0);
-        let up = |direction: &Vector3<f32>| direction.z.max(0.0) * sky.radiance(direction).x;
+        let up = |direction: &Vector3<f32>| direction.z.max(0.0) * sky.light(direction).radiance.x;
         let by_samples = |uv| {
-            let (direction, density) = sky.sample(uv);
-            up(&direction) / density
+            let (direction, light) = sky.sample(uv);
+            up(&direction) / light.density
         };
         let count = 1 << 18;
         let sampled = points(1 << 14).map(by_samples).sum::<f32>() / (1 << 14) as f32;
@@ -191,7 +234,7 @@ mod tests {
         let map = Arc::new(Grid::from_fn(Size::new(4, 1), |x, _| [x as f32; 3]));
         let sky = |rotation| Sky::new(&Environment { map: map.clone(), rotation, strength: 1.0 });
         let at = |sky: &Sky, degrees: f32| {
-            sky.radiance(&Vector3::new(degrees.to_radians().cos(), degrees.to_radians().sin(), 0.0)).x
+            sky.background(&Vector3::new(degrees.to_radians().cos(), degrees.to_radians().sin(), 0.0)).x
         };
         // Column 0 spans azimuths 0 to −90 degrees; its middle is at −45.
         for (column, azimuth) in [(0.0, -45.0), (1.0, -135.0), (2.0, 135.0), (3.0, 45.0)] {
@@ -201,11 +244,23 @@ mod tests {
     }
 
     #[test]
+    fn large_maps_are_reduced_without_loss_of_light() {
+        let value = |x: usize, y: usize| [if (x, y) == (700, 201) { 1e5 } else { (x + 3 * y) as f32 }; 3];
+        let map = Arc::new(Grid::from_fn(Size::new(1000, 500), value));
+        let sky = Sky::new(&Environment { map: map.clone(), rotation: 0.0, strength: 1.0 });
+        assert_eq!(sky.light.size(), Size::new(256, 128));
+        let rows = (0..500)
+            .map(|y| map.row(y).iter().map(|light| light[0]).sum::<f32>() * row_height(map.size(), y));
+        let mean = rows.sum::<f32>() / 2000.0;
+        assert!((sky.mean_luminance() / mean - 1.0).abs() < 5e-3, "{} {mean}", sky.mean_luminance());
+    }
+
+    #[test]
     fn a_black_sky_can_be_sampled() {
         let map = Arc::new(Grid::filled(Size::new(8, 4), [0.0; 3]));
         let sky = Sky::new(&Environment { map, rotation: 0.0, strength: 1.0 });
-        let (direction, density) = sky.sample([0.3, 0.8]);
-        assert!(direction.norm() > 0.99 && density > 0.0);
+        let (direction, light) = sky.sample([0.3, 0.8]);
+        assert!(direction.norm() > 0.99 && light.density > 0.0);
         assert_eq!(sky.mean_luminance(), 0.0);
     }
 }

@@ -89,8 +89,9 @@ impl Line {
         // The last is exactly the box's edge, so that faces join.
         let offset = |i: usize| if i == cells { half } else { inner + radius * step(i).tan() };
         let first = usize::from(inner == 0.0 && cells > 0);
-        let upper: Vec<(f32, f32)> =
-            (first..=cells).map(|i| (offset(i), inner + if cells > 0 { radius * step(i) } else { 0.0 })).collect();
+        let upper: Vec<(f32, f32)> = (first..=cells)
+            .map(|i| (offset(i), inner + if cells > 0 { radius * step(i) } else { 0.0 }))
+            .collect();
         let lower = upper.iter().rev().map(|&(offset, arc)| (-offset, -arc));
         let middle = (first == 1).then_some((0.0, 0.0));
         let (offsets, arcs) = lower.chain(middle).chain(upper.iter().copied()).unzip();

@@ -112,10 +112,8 @@ fn rounded_cuboids_are_boxes_blown_up_by_a_ball() {
     assert_normals(&mesh);
     // Steiner's formula: volume, area × r, edges × πr²/4, corners.
     let [a, b, c] = inner;
-    let exact = a * b * c
-        + 2.0 * (a * b + b * c + c * a) * r
-        + PI * r * r * (a + b + c)
-        + 4.0 / 3.0 * PI * r * r * r;
+    let exact =
+        a * b * c + 2.0 * (a * b + b * c + c * a) * r + PI * r * r * (a + b + c) + 4.0 / 3.0 * PI * r * r * r;
     assert_close(volume(&mesh), exact, 2e-3);
 }
 

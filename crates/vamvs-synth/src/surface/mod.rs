@@ -47,12 +47,19 @@ pub(crate) fn skins(world: &World) -> Vec<Skin> {
     let mut textures: HashMap<*const Grid<Rgb>, Arc<Pyramid>> = HashMap::new();
     let mut skin = |object: &Object| {
         let albedo = &object.material.albedo;
-        let texture = textures.entry(Arc::as_ptr(albedo)).or_insert_with(|| Arc::new(Pyramid::new(albedo.clone())));
+        let texture =
+            textures.entry(Arc::as_ptr(albedo)).or_insert_with(|| Arc::new(Pyramid::new(albedo.clone())));
         Skin {
             object: object.clone(),
             texture: texture.clone(),
             coat: Coat::of(&object.material),
-            world_from_object: object.world_from_object.isometry.rotation.to_rotation_matrix().into_inner().cast(),
+            world_from_object: object
+                .world_from_object
+                .isometry
+                .rotation
+                .to_rotation_matrix()
+                .into_inner()
+                .cast(),
         }
     };
     world.objects.iter().map(&mut skin).collect()
@@ -72,12 +79,20 @@ impl Skin {
             clearance: CLEARANCE * a.amax().max(b.amax()).max(c.amax()),
             wo: frame.local(&-ray.direction),
             frame,
-            reflectance: Reflectance { albedo: self.albedo(meeting, width * density.sqrt()), coat: self.coat },
+            reflectance: Reflectance {
+                albedo: self.albedo(meeting, width * density.sqrt()),
+                coat: self.coat,
+            },
         }
     }
 
     /// The interpolated normal, unless the viewer would see its back.
-    fn shading_normal(&self, meeting: &Meeting, direction: &Vector3<f32>, out: &Vector3<f32>) -> Vector3<f32> {
+    fn shading_normal(
+        &self,
+        meeting: &Meeting,
+        direction: &Vector3<f32>,
+        out: &Vector3<f32>,
+    ) -> Vector3<f32> {
         let normals = self.corners_of(meeting).map(|vertex| Vector3::from(self.object.mesh.normals[vertex]));
         let in_world = self.world_from_object * weighted(&meeting.weights, &normals);
         let normal = towards(*out, in_world.normalize());
@@ -147,5 +162,11 @@ fn weighted(weights: &[f32; 3], corners: &[Vector3<f32>; 3]) -> Vector3<f32> {
 /// `normal` or its opposite, whichever is on the side of `side`; `side` itself if it has no direction.
 fn towards(side: Vector3<f32>, normal: Vector3<f32>) -> Vector3<f32> {
     let cos = normal.dot(&side);
-    if cos.is_nan() { side } else if cos < 0.0 { -normal } else { normal }
+    if cos.is_nan() {
+        side
+    } else if cos < 0.0 {
+        -normal
+    } else {
+        normal
+    }
 }

@@ -39,10 +39,7 @@ impl Split {
 
     /// Both parts through `factor`.
     pub fn filtered(&self, factor: &Vector3<f32>) -> Self {
-        Self {
-            diffuse: self.diffuse.component_mul(factor),
-            specular: self.specular.component_mul(factor),
-        }
+        Self { diffuse: self.diffuse.component_mul(factor), specular: self.specular.component_mul(factor) }
     }
 }
 
@@ -54,7 +51,8 @@ impl Reflectance {
         }
         let diffuse = self.albedo * (FRAC_1_PI * wi.z);
         let Some(coat) = self.coat else { return Split { diffuse, ..Split::default() } };
-        let through = (1.0 - coat.albedo(wo.z)) * (1.0 - coat.albedo(wi.z)) / (1.0 - coat.mean_albedo()).max(1e-4);
+        let through =
+            (1.0 - coat.albedo(wo.z)) * (1.0 - coat.albedo(wi.z)) / (1.0 - coat.mean_albedo()).max(1e-4);
         Split { diffuse: diffuse * through, specular: Vector3::repeat(coat.reflected(wo, wi)) }
     }
 
@@ -114,14 +112,18 @@ mod tests {
             for z in [0.1, 0.4, 0.9] {
                 let (wo, count) = (around(z, 0.6), 1 << 15);
                 let estimate = |index: u32| {
-                    let uv = [index.reverse_bits() as f32 / 2.0_f32.powi(32), (index as f32 + 0.5) / count as f32];
+                    let uv =
+                        [index.reverse_bits() as f32 / 2.0_f32.powi(32), (index as f32 + 0.5) / count as f32];
                     let choice = (index as f32 * 0.618_034).fract();
                     let wi = surface.sample(&wo, choice, uv);
                     let density = surface.density(&wo, &wi);
                     if density > 0.0 { surface.reflected(&wo, &wi).sum().y / density } else { 0.0 }
                 };
                 let albedo = (0..count).map(estimate).sum::<f32>() / count as f32;
-                assert!((albedo - 1.0).abs() < 0.012, "specular {specular}, roughness {roughness}, {z}: {albedo}");
+                assert!(
+                    (albedo - 1.0).abs() < 0.012,
+                    "specular {specular}, roughness {roughness}, {z}: {albedo}"
+                );
             }
         }
     }

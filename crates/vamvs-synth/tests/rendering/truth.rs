@@ -47,7 +47,10 @@ fn a_fine_sphere_has_the_depth_of_a_sphere_and_no_cracks() {
         assert_eq!(truth.id[at] == 1, square > 0.0 || truth.depth[at] > 0.0, "{at:?}");
         // Within the silhouette of the triangles, the front is met, never the back.
         if square > 2e-4 {
-            assert!(f64::from(truth.depth[at]) > 0.0 && f64::from(truth.depth[at]) < closest, "a crack at {at:?}");
+            assert!(
+                f64::from(truth.depth[at]) > 0.0 && f64::from(truth.depth[at]) < closest,
+                "a crack at {at:?}"
+            );
         }
         if square > 0.25 {
             let expected = closest - square.sqrt() / direction.norm();
@@ -74,7 +77,8 @@ fn depth_and_ids_are_those_of_brute_force_at_every_scale() {
         let mut off = 0;
         for at in pixels(camera.size) {
             let (origin, direction) = central_ray(&camera, &pose, at);
-            let expected = first_hit(&world, &origin, &direction).map_or((0.0, 0), |(t, index)| (t, index + 1));
+            let expected =
+                first_hit(&world, &origin, &direction).map_or((0.0, 0), |(t, index)| (t, index + 1));
             let same = usize::from(truth.id[at]) == expected.1
                 && (f64::from(truth.depth[at]) - expected.0).abs() <= 1e-6 * expected.0;
             off += usize::from(!same);

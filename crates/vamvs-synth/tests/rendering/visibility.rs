@@ -60,7 +60,9 @@ fn masks_are_those_of_brute_force() {
         assert!(wrong <= 1, "{wrong} pixels of view {r} in view {s}");
         mask.data().iter().for_each(|&value| *counts.entry(value).or_insert(0) += 1);
     }
-    assert!([Visibility::OutOfView, Visibility::Occluded, Visibility::Visible].iter().all(|v| counts[v] > 200));
+    assert!(
+        [Visibility::OutOfView, Visibility::Occluded, Visibility::Visible].iter().all(|v| counts[v] > 200)
+    );
 }
 
 /// Depth of a view at image coordinates, if all around is one even surface.
@@ -101,7 +103,10 @@ fn carried_depth_agrees_where_visible_and_never_where_occluded() {
             let pixel = views[s].camera.intrinsics.project(&in_source);
             let Some(depth) = depth_between(&views[s], &pixel) else { continue };
             let beyond = in_source.z / depth - 1.0;
-            assert!(if occluded { beyond > 1e-5 } else { beyond.abs() < 1e-5 }, "{at:?}, {occluded}: {beyond:e}");
+            assert!(
+                if occluded { beyond > 1e-5 } else { beyond.abs() < 1e-5 },
+                "{at:?}, {occluded}: {beyond:e}"
+            );
             compared[usize::from(occluded)] += 1;
         }
         assert!(compared[0] > 10_000 && compared[1] > 1000, "{compared:?}");

@@ -15,8 +15,8 @@ const SOURCES: usize = 10;
 
 /// Folders of a scene: images, depths.
 const SCENES: [(&str, &str); 2] = [
-    ("images", "depths"),                       // `vamvs synth`
-    ("blended_images", "rendered_depth_maps"),  // BlendedMVS
+    ("images", "depths"),                      // `vamvs synth`
+    ("blended_images", "rendered_depth_maps"), // BlendedMVS
 ];
 
 /// DTU's training set has 49 views in 7 lights, and its cameras are those of images at 1/4.
@@ -37,8 +37,7 @@ pub fn scenes(folder: &Path) -> Result<Vec<TrainingScene>, TrainError> {
 
 /// The folders in a folder, by name.
 fn subfolders(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
-    let system =
-        |source| TrainError::Io(IoError::System { action: "list", path: folder.to_owned(), source });
+    let system = |source| TrainError::Io(IoError::System { action: "list", path: folder.to_owned(), source });
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).map_err(system)? {
         let path = entry.map_err(system)?.path();

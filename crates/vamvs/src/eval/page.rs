@@ -160,7 +160,12 @@ impl SceneEvaluation {
             parts.push(Scale::Error.paint(&hidden, 0.0, 1.5));
         }
         let row = panel::row(&parts, panel::of_width(parts[0].size(), PANEL_WIDTH));
-        let below = format!("{}: depth {} to {}", self.maps.name(view), length(f64::from(near)), length(f64::from(far)));
+        let below = format!(
+            "{}: depth {} to {}",
+            self.maps.name(view),
+            length(f64::from(near)),
+            length(f64::from(far))
+        );
         page.strip(&Picture::new(&row), &captions, &below);
         Ok(())
     }
@@ -197,7 +202,8 @@ pub fn region(region: Region) -> &'static str {
 pub fn threshold(threshold: Threshold) -> String {
     match threshold {
         Threshold::Absolute(limit) => format!("{limit}"),
-        Threshold::Relative(limit) => format!("{} %", 100.0 * limit),
+        // Shares such as 0.011 have no exact percentage: six digits are enough.
+        Threshold::Relative(limit) => format!("{} %", (1e6 * limit).round() / 1e4),
         Threshold::Planes(limit) => format!("{limit} d"),
     }
 }
@@ -240,8 +246,14 @@ mod tests {
     use super::*;
 
     #[test]
+    fn shares_are_told_in_percent_without_rounding_errors() {
+        let texts = [0.011, 0.002, 0.5, 0.000_25].map(|limit| threshold(Threshold::Relative(limit)));
+        assert_eq!(texts, ["1.1 %", "0.2 %", "50 %", "0.025 %"]);
+    }
+
+    #[test]
     fn lengths_have_four_digits_whatever_the_unit() {
-        let texts = [0.0, 0.000_123_456, 0.519, 12.345_6, -3.141_59, 98_765.4].map(length);
-        assert_eq!(texts, ["0", "0.0001235", "0.5190", "12.35", "-3.142", "98765"]);
+        let texts = [0.0, 0.000_123_456, 0.519, 12.345_6, -3.241_59, 98_765.4].map(length);
+        assert_eq!(texts, ["0", "0.0001235", "0.5190", "12.35", "-3.242", "98765"]);
     }
 }

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use vamvs_core::Pinhole;
 use vamvs_fusion::{FuseOptions, FusedPoints, FusionView, MapSource, Surface};
 use vamvs_io::IoError;
 use vamvs_io::ply::PlyWriter;
@@ -58,10 +59,15 @@ pub enum DepthFormat {
 
 /// Writes the cloud and what goes with it.
 pub(crate) struct Exporter<'a> {
-    maps: &'a Maps,
     cloud: &'a Path,
     ply: PlyWriter,
     thinned: Thinned,
+    exports: Exports<'a>,
+}
+
+/// What goes with the cloud.
+struct Exports<'a> {
+    maps: &'a Maps,
     colmap: Option<ColmapWorkspace>,
     openmvs: Option<OpenmvsScene>,
     depths: DepthFolder,
@@ -69,38 +75,28 @@ pub(crate) struct Exporter<'a> {
 
 impl<'a> Exporter<'a> {
     pub fn begin(maps: &'a Maps, cloud: &'a Path, options: &ExportOptions) -> Result<Self, VamvsError> {
-        let folder = cloud.parent().unwrap_or(Path::new(""));
-        let wanted = |program| options.programs.contains(&program);
-        let colmap = wanted(Program::Colmap).then(|| ColmapWorkspace::begin(maps, &folder.join("colmap")));
-        let openmvs = wanted(Program::Openmvs).then(|| OpenmvsScene::begin(maps, &folder.join("openmvs")));
-        Ok(Self {
-            maps,
-            cloud,
-            ply: PlyWriter::create(cloud, maps.coordinates())?,
-            thinned: Thinned::default(),
-            colmap: colmap.transpose()?,
-            openmvs: openmvs.transpose()?,
-            depths: DepthFolder::new(&folder.join("depths"), options)?,
-        })
+        let exports = Exports::begin(maps, cloud.parent().unwrap_or(Path::new("")), options)?;
+        let ply = PlyWriter::create(cloud, maps.coordinates())?;
+        Ok(Self { cloud, ply, thinned: Thinned::default(), exports })
     }
 
     pub fn push(&mut self, fused: &FusedPoints) -> Result<(), VamvsError> {
         for (point, views) in fused.iter() {
             self.ply.push(point)?;
-            if let Some(colmap) = &mut self.colmap {
+            if let Some(colmap) = &mut self.exports.colmap {
                 colmap.push(views)?;
             }
-            if let Some(openmvs) = &mut self.openmvs {
+            if let Some(openmvs) = &mut self.exports.openmvs {
                 openmvs.push(point, views)?;
             }
-            if self.colmap.is_some() || self.openmvs.is_some() {
+            if self.exports.colmap.is_some() || self.exports.openmvs.is_some() {
                 self.thinned.push(point, views);
             }
         }
         Ok(())
     }
 
-    /// Completes the cloud, then writes everything else.
+    /// Completes the cloud, then writes everything else. `neighbours` are each view's, best first.
     pub fn finish(
         self,
         neighbours: &[Vec<usize>],
@@ -108,29 +104,51 @@ impl<'a> Exporter<'a> {
         on_event: &mut dyn FnMut(Event),
     ) -> Result<(), VamvsError> {
         self.ply.finish()?;
-        let writes_maps = self.colmap.is_some() || self.openmvs.is_some() || self.depths.is_wanted();
-        if !writes_maps {
-            return Ok(());
+        let Exports { maps, .. } = self.exports;
+        let cameras = self.exports.write_views(neighbours, filter, on_event)?;
+        let points = self.thinned.into_points();
+        if let Some(colmap) = self.exports.colmap {
+            colmap.finish(maps, &cameras, &points, self.cloud)?;
+        }
+        self.exports.openmvs.map_or(Ok(()), |openmvs| openmvs.finish(maps, &cameras, &points))
+    }
+}
+
+impl<'a> Exports<'a> {
+    fn begin(maps: &'a Maps, folder: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
+        let wanted = |program| options.programs.contains(&program);
+        let colmap = wanted(Program::Colmap).then(|| ColmapWorkspace::begin(maps, &folder.join("colmap")));
+        let openmvs = wanted(Program::Openmvs).then(|| OpenmvsScene::begin(maps, &folder.join("openmvs")));
+        let depths = DepthFolder::new(&folder.join("depths"), options)?;
+        Ok(Self { maps, colmap: colmap.transpose()?, openmvs: openmvs.transpose()?, depths })
+    }
+
+    /// Writes what belongs to single views, if anything does; gives the cameras of their depth maps.
+    fn write_views(
+        &self,
+        neighbours: &[Vec<usize>],
+        filter: &FuseOptions,
+        on_event: &mut dyn FnMut(Event),
+    ) -> Result<Vec<Pinhole>, VamvsError> {
+        if self.colmap.is_none() && self.openmvs.is_none() && !self.depths.is_wanted() {
+            return Ok(Vec::new());
         }
         let png_step = self.depths.png_step(self.maps)?;
-        let write = |view: usize| -> Result<vamvs_core::Pinhole, VamvsError> {
+        let write = |view: usize| {
             let loaded = self.maps.load(view)?;
-            let exported = ExportedView::new(view, &self.maps.names()[view], &loaded, filter)?;
-            self.depths.write_view(&exported, self.maps.depth_file(view), png_step)?;
-            if let Some(colmap) = &self.colmap {
-                colmap.write_view(&exported)?;
-            }
-            if let Some(openmvs) = &self.openmvs {
-                openmvs.write_view(&exported, &neighbours[view])?;
-            }
+            let view = ExportedView::new(view, &self.maps.names()[view], &loaded, filter)?;
+            self.depths.write_view(&view, self.maps.depth_file(view.number), png_step)?;
+            self.write_for_programs(&view, &neighbours[view.number])?;
             Ok(loaded.map.camera)
         };
-        let cameras = for_all_views(self.maps.len(), write, on_event)?;
-        let points = self.thinned.into_points();
-        if let Some(colmap) = self.colmap {
-            colmap.finish(self.maps, &cameras, &points, self.cloud)?;
+        for_all_views(self.maps.len(), write, on_event)
+    }
+
+    fn write_for_programs(&self, view: &ExportedView, neighbours: &[usize]) -> Result<(), VamvsError> {
+        if let Some(colmap) = &self.colmap {
+            colmap.write_view(view)?;
         }
-        self.openmvs.map_or(Ok(()), |openmvs| openmvs.finish(self.maps, &cameras, &points))
+        self.openmvs.as_ref().map_or(Ok(()), |openmvs| openmvs.write_view(view, neighbours))
     }
 }
 

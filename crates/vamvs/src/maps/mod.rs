@@ -102,12 +102,6 @@ impl Maps {
         &self.names
     }
 
-    /// The cameras of the photographs. Depth maps may be smaller.
-    #[must_use]
-    pub fn cameras(&self) -> &[Pinhole] {
-        &self.cameras
-    }
-
     /// A view's pose, `cam_from_world`.
     #[must_use]
     pub fn pose(&self, view: usize) -> &Pose {

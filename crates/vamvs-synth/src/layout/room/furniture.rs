@@ -83,7 +83,8 @@ fn cabinet(set: &mut Set, wall: Wall, along: [f64; 2], depth: f64) -> Result<(),
 /// Sides and boards, with books on most boards.
 fn shelf(set: &mut Set, wall: Wall, along: [f64; 2], depth: f64) -> Result<(), AssetError> {
     let wood = set.material(Look::Any, 0.6)?;
-    let covers = [set.material(Look::Any, 0.2)?, set.material(Look::Rich, 0.2)?, set.material(Look::Rich, 0.2)?];
+    let covers =
+        [set.material(Look::Any, 0.2)?, set.material(Look::Rich, 0.2)?, set.material(Look::Rich, 0.2)?];
     let boards = set.rng.random_range(2..=5);
     let gap = set.rng.random_range(0.28..0.4);
     let height = f64::from(boards) * gap;
