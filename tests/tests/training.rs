@@ -10,7 +10,7 @@ use vamvs_core::{Planes, Size, Spacing};
 use vamvs_io::pfm;
 use vamvs_net::tch::{self, Kind, Tensor};
 use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Mode, Network, Profile};
-use vamvs_tests::{fixtures, folder};
+use vamvs_tests::{Rendered, fixtures, folder};
 use vamvs_train::options::SampleOptions;
 use vamvs_train::{Dataset, TrainEvent, TrainJob, TrainOptions, Validation, train};
 
@@ -19,9 +19,10 @@ fn network(name: &str) -> Network {
     Network::load(path.as_ref(), Device::Cpu).unwrap()
 }
 
-/// What the gradient of a loss says against what the loss does, `step` along the gradient itself. Single
-/// precision and the kinks of ReLU, maximum and neighbourhood leave a few percent between them.
-fn assert_gradient(network: &Network, parts: &[&str], step: f64, loss: impl Fn() -> Tensor) {
+/// What the gradient of a loss says against what the loss does along the gradient itself. Long steps meet
+/// curvature and the kinks of ReLU, maximum and neighbourhood, short ones the rounding of single
+/// precision, so the best of several steps counts.
+fn assert_gradient(network: &Network, parts: &[&str], loss: impl Fn() -> Tensor) {
     let parameters: Vec<Tensor> = network
         .parameters()
         .unwrap()
@@ -45,9 +46,35 @@ fn assert_gradient(network: &Network, parts: &[&str], step: f64, loss: impl Fn()
             value
         })
     };
-    let slope = (moved(step) - moved(-step)) / (2.0 * step);
-    assert!((slope / norm - 1.0).abs() < 0.1, "{parts:?}: gradient {norm}, finite differences {slope}");
+    let slopes = [1e-2, 3e-3, 1e-3, 3e-4, 1e-4].map(|step| (moved(step) - moved(-step)) / (2.0 * step));
+    let closest = slopes.iter().map(|slope| (slope / norm - 1.0).abs()).fold(f64::INFINITY, f64::min);
+    assert!(closest < 0.05, "{parts:?}: gradient {norm}, finite differences {slopes:?}");
     parameters.iter().for_each(|p| p.shallow_clone().zero_grad());
+}
+
+/// Random biases: those of a new network are 0, so that what is 0, such as features beyond an image's
+/// border, sits exactly on the kink of ReLU, where there is no derivative.
+fn move_off_kinks(network: &Network) {
+    tch::manual_seed(5);
+    tch::no_grad(|| {
+        for (_, mut bias) in
+            network.parameters().unwrap().into_iter().filter(|(name, _)| name.ends_with("bias"))
+        {
+            bias += bias.randn_like() * 0.1;
+        }
+    });
+}
+
+/// Lets normalisation layers see the scene, so that their running statistics are near its own.
+fn gather_statistics(estimator: &Estimator, views: &[Rendered], planes: &Planes) {
+    tch::no_grad(|| {
+        for _ in 0..20 {
+            let encode = |view: &Rendered| estimator.network().encode(&view.photo).unwrap();
+            let views: Vec<_> = views.iter().map(encode).collect();
+            let sources: Vec<_> = views[1..].iter().collect();
+            estimator.stages(&views[0], &sources, planes, &mut Profile::default()).unwrap();
+        }
+    });
 }
 
 /// A smooth loss of a map: its weighted mean.
@@ -65,9 +92,12 @@ fn gradients_of_every_stage_are_those_of_finite_differences() {
     for name in ["var", "vis-max", "vis-var"] {
         for mode in [Mode::Training, Mode::Evaluation] {
             let mut network = network(name);
-            network.set_mode(mode).unwrap();
+            move_off_kinks(&network);
+            network.set_mode(Mode::Training).unwrap();
             let options = EstimatorOptions { slab_bytes: usize::MAX, ..EstimatorOptions::of(&network) };
-            let estimator = Estimator::new(network, options).unwrap();
+            let mut estimator = Estimator::new(network, options).unwrap();
+            gather_statistics(&estimator, &views, &planes);
+            estimator.network_mut().set_mode(mode).unwrap();
             let network = estimator.network();
             let encode = || -> Vec<EncodedView> {
                 views.iter().map(|view| network.encode(&view.photo).unwrap()).collect()
@@ -77,14 +107,14 @@ fn gradients_of_every_stage_are_those_of_finite_differences() {
                 estimator.coarse(&views[0], &sources, &planes, &mut Profile::default()).unwrap()
             };
             let parts = ["coarse_images", "volume", "pair_coarse", "pair_visibility", "visibility_head"];
-            assert_gradient(network, &parts, 5e-4, || loss(&coarse(&encode()).map.u));
+            assert_gradient(network, &parts, || loss(&coarse(&encode()).map.u));
             if name == "vis-var" {
                 let parts = ["coarse_images", "pair_visibility", "visibility_head"];
-                assert_gradient(network, &parts, 5e-4, || loss(&coarse(&encode()).visibility[1]));
+                assert_gradient(network, &parts, || loss(&coarse(&encode()).visibility[1]));
             }
             let given = tch::no_grad(|| coarse(&encode()));
             for &iteration in &estimator.options().iterations {
-                assert_gradient(network, &["flow_images", "flow_net", "pair_flow"], 1e-3, || {
+                assert_gradient(network, &["flow_images", "flow_net", "pair_flow"], || {
                     let views = encode();
                     let sources: Vec<_> = views[1..].iter().collect();
                     let stage =
