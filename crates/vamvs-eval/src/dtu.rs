@@ -1,6 +1,6 @@
 //! DTU's protocol (Jensen et al. 2014, Aanæs et al. 2016), after the benchmark's MATLAB code.
 //!
-//! 1. The cloud is thinned so that no two points are within 0.2 mm (`reducePts_haa.m`, [`crate::thin`]);
+//! 1. The cloud is thinned so that no two points are within 0.2 mm (`reducePts_haa.m`, [`crate::thin()`]);
 //!    the reference scan comes thinned like this already.
 //! 2. Distances are taken from each point to the nearest of the other set (`MaxDistCP.m`). Points outside of
 //!    the blocks of 60 mm that cover the bounding box from its lower corner on get none.
