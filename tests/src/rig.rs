@@ -1,7 +1,5 @@
 //! Cameras around a scene.
 
-use std::f64::consts::PI;
-
 use nalgebra::Vector3;
 use vamvs_core::{Intrinsics, Pinhole, Pose, Size};
 
@@ -20,18 +18,6 @@ pub fn arc(views: usize, size: Size) -> Vec<Station> {
     let step = (64.0 / views.saturating_sub(1).max(1) as f64).min(8.0);
     let azimuth = |i: usize| step * (i as f64 - 0.5 * views.saturating_sub(1) as f64);
     (0..views).map(|i| station(azimuth(i), 26.0 + 4.0 * (i % 2) as f64, size)).collect()
-}
-
-/// `views` cameras spread evenly over a cap of a dome before the scene, 28° in radius.
-#[must_use]
-pub fn dome(views: usize, size: Size) -> Vec<Station> {
-    let golden_angle = PI * (3.0 - 5f64.sqrt());
-    let on_cap = |i: usize| {
-        let radius = 28.0 * ((i as f64 + 0.5) / views as f64).sqrt();
-        let (sin, cos) = (golden_angle * i as f64).sin_cos();
-        station(radius * cos, 34.0 + radius * sin, size)
-    };
-    (0..views).map(on_cap).collect()
 }
 
 /// The camera at `azimuth` (0 is at −y, to the right positive) and `elevation`, degrees.

@@ -1,95 +1,50 @@
-//! Procedural textures: a pattern of two colours under strong multi-octave grain.
+//! Pictures for surfaces that are to be reconstructed: with something to match at every distance.
 
-use nalgebra::Vector3;
+use std::sync::Arc;
 
-use crate::noise::{fractal, lattice, lerp, value};
+use vamvs_core::{Grid, Rgb, Size};
+use vamvs_synth::Material;
+use vamvs_synth::pattern::{Motif, Pattern};
 
-/// What is drawn beneath the grain.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Pattern {
-    /// Veins that wind through the solid, `vein` apart.
-    Marble {
-        /// Distance of the veins.
-        vein: f64,
-    },
-    /// Bricks of differing shades in mortar of the second colour.
-    Bricks {
-        /// Width and height of a brick.
-        size: [f64; 2],
-    },
-    /// Squares of both colours in turn.
-    Checker {
-        /// Side of a square.
-        side: f64,
-    },
-    /// Stripes of both colours in turn, along the second surface coordinate.
-    Stripes {
-        /// Width of a stripe.
-        width: f64,
-    },
-}
+/// Side of a picture, pixels.
+const SIDE: usize = 512;
 
-/// The colour of a surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Texture {
+/// What a surface is made of.
+#[derive(Clone, Copy, Debug)]
+pub struct Look {
     /// What is drawn.
-    pub pattern: Pattern,
-    /// The pattern's two colours: linear red, green, blue reflectance, about 0.05 to 0.8.
-    pub colours: [Vector3<f64>; 2],
-    /// The coarsest wavelength of the grain.
-    pub grain: f64,
-    /// Makes equal textures differ.
-    pub seed: u32,
+    pub motif: Motif,
+    /// How many of its units fit across the picture.
+    pub count: u16,
+    /// The motif's colours, sRGB 0 to 255.
+    pub colours: [[f32; 3]; 3],
+    /// Side of the picture on the surface, metres.
+    pub metres: f32,
+    /// Reflectance of the coat at normal incidence, and its roughness.
+    pub coat: [f32; 2],
 }
 
-/// A place on a surface where its texture is asked for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TexturePoint {
-    /// Position in the object's frame.
-    pub x_in_object: Vector3<f64>,
-    /// Coordinates along the surface, in units of length.
-    pub uv: [f64; 2],
-}
-
-impl Texture {
-    /// Linear reflectance at a place seen by a pixel that covers `footprint` units of length.
+impl Look {
+    /// A worn surface of this look; `seed` makes equal looks differ.
     #[must_use]
-    pub fn albedo(&self, at: &TexturePoint, footprint: f64) -> Vector3<f64> {
-        let blend = self.blend(at);
-        let grain = 0.85 * fractal(&at.x_in_object, self.grain, footprint, self.seed);
-        self.colours[0].lerp(&self.colours[1], blend) * grain.exp()
-    }
-
-    /// The pattern's share of the second colour, in [0, 1].
-    fn blend(&self, at: &TexturePoint) -> f64 {
-        let [u, v] = at.uv;
-        match self.pattern {
-            Pattern::Marble { vein } => self.marble(&(at.x_in_object / vein)),
-            Pattern::Bricks { size: [w, h] } => self.bricks(u / w, v / h, 0.07 * h / w, 0.07),
-            Pattern::Checker { side } => self.checker(u / side, v / side),
-            Pattern::Stripes { width } => self.checker(0.0, v / width),
+    pub fn material(&self, seed: u32) -> Material {
+        let Self { motif, count, colours, metres, coat } = *self;
+        let picture = Pattern { motif, count, colours, grain: 0.25, seed }.draw(SIDE);
+        Material {
+            albedo: Arc::new(worn(&picture, seed)),
+            tiling: [1.0 / metres; 2],
+            tint: [1.0; 3],
+            specular: coat[0],
+            roughness: coat[1],
         }
     }
+}
 
-    fn marble(&self, x: &Vector3<f64>) -> f64 {
-        let bend = 2.5 * value(&(x * 0.7), self.seed ^ 1) + 1.2 * value(&(x * 1.9), self.seed ^ 2);
-        0.5 + 0.5 * (x.x + x.y + 0.6 * x.z + bend).sin()
-    }
-
-    /// Coordinates in bricks; `joint` is the mortar's half width in the same unit.
-    fn bricks(&self, u: f64, v: f64, joint_u: f64, joint_v: f64) -> f64 {
-        let u = u + 0.5 * v.floor().rem_euclid(2.0);
-        let to_edge = |t: f64| (t - t.round()).abs();
-        if to_edge(u) < joint_u || to_edge(v) < joint_v { 1.0 } else { 0.45 * self.shade(u, v) }
-    }
-
-    fn checker(&self, u: f64, v: f64) -> f64 {
-        let parity = (u.floor() + v.floor()).rem_euclid(2.0);
-        lerp(parity, self.shade(u, v), 0.2)
-    }
-
-    /// A random number in [0, 1) for the unit square at `(u, v)`.
-    fn shade(&self, u: f64, v: f64) -> f64 {
-        lattice([u.floor() as i32, v.floor() as i32, 0], self.seed ^ 3)
-    }
+/// The picture, darkened unevenly: from large spots down to single pixels.
+fn worn(picture: &Grid<Rgb>, seed: u32) -> Grid<Rgb> {
+    let colours = [110.0, 190.0, 255.0].map(|grey| [grey; 3]);
+    let wear = Pattern { motif: Motif::Clouds, count: 1, colours, grain: 0.4, seed: !seed }.draw(SIDE);
+    let factor = |i: usize| f32::from(wear.data()[i][0]) / 255.0;
+    let shade = |(i, colour): (usize, &Rgb)| colour.map(|c| (f32::from(c) * factor(i)) as u8);
+    Grid::from_vec(Size::new(SIDE, SIDE), picture.data().iter().enumerate().map(shade).collect())
 }

@@ -9,6 +9,7 @@ mod maps;
 mod picture;
 mod pip;
 mod real;
+mod score;
 mod setup;
 mod step;
 mod test;
@@ -28,6 +29,7 @@ enum Command {
     Demo(demo::Demo),
     Picture(picture::Picture),
     Real(real::Real),
+    Score(score::Score),
     Bench(bench::Bench),
     Test(test::Test),
 }
@@ -38,6 +40,7 @@ fn main() -> ExitCode {
         Command::Demo(demo) => demo.run(),
         Command::Picture(picture) => picture.run(),
         Command::Real(real) => real.run(),
+        Command::Score(score) => score.run(),
         Command::Bench(bench) => bench.run(),
         Command::Test(test) => test.run(),
     };

@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use vamvs_fusion::ViewReport;
 
 use crate::setup;
@@ -55,14 +56,29 @@ pub fn build() -> Result<()> {
 /// Runs `vamvs reconstruct` into the folder `out`; its messages go to the terminal.
 pub fn reconstruct(arguments: &[impl AsRef<OsStr>], out: &Path) -> Result<Reconstruction> {
     let start = Instant::now();
-    let mut command = Command::new(binary()?);
-    command.arg("reconstruct").args(arguments).arg("--out").arg(out).arg("--json");
-    println!("── {}", spelled(&command));
+    let summary = told(Command::new(binary()?).arg("reconstruct").args(arguments).arg("--out").arg(out))?;
+    Ok(Reconstruction { summary, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// Runs `vamvs depth` into the folder `out` and returns the time that it took, seconds.
+pub fn depth(arguments: &[impl AsRef<OsStr>], out: &Path) -> Result<f64> {
+    let start = Instant::now();
+    told::<IgnoredAny>(Command::new(binary()?).arg("depth").args(arguments).arg("--out").arg(out))?;
+    Ok(start.elapsed().as_secs_f64())
+}
+
+/// Runs `vamvs eval depth` and returns what it prints.
+pub fn eval_depth<T: DeserializeOwned>(maps: &Path, truth: &Path) -> Result<T> {
+    told(Command::new(binary()?).args(["eval", "depth"]).arg(maps).arg(truth))
+}
+
+/// Runs a command with `--json` and returns what it prints; its messages go to the terminal.
+fn told<T: DeserializeOwned>(command: &mut Command) -> Result<T> {
+    command.arg("--json");
+    println!("── {}", spelled(command));
     let output = command.stderr(Stdio::inherit()).output().context("vamvs could not be started")?;
     ensure!(output.status.success(), "vamvs failed ({}); its message is above", output.status);
-    let summary =
-        serde_json::from_slice(&output.stdout).context("the summary of `vamvs reconstruct --json`")?;
-    Ok(Reconstruction { summary, seconds: start.elapsed().as_secs_f64() })
+    serde_json::from_slice(&output.stdout).context("what `vamvs --json` printed")
 }
 
 /// The release build, beside the build that this program is of.

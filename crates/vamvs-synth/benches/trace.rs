@@ -24,9 +24,9 @@ fn tracing(criterion: &mut Criterion) {
     group.throughput(Throughput::Elements(bounces.len() as u64));
     group.bench_function("bounced rays, one thread", |b| {
         b.iter(|| {
-            bounces.iter().for_each(|(from, to)| {
+            for (from, to) in &bounces {
                 black_box(tracer.first_hit(from, to));
-            });
+            }
         });
     });
     let options = RenderOptions { denoise: false, ..RenderOptions::default() };

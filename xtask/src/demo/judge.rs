@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Result;
-use vamvs_core::{Cloud, CloudPoint, Size};
+use vamvs_core::{Cloud, CloudPoint, Grid, Size};
 use vamvs_eval::surface::{TrueMap, seen_twice};
 use vamvs_eval::{CloudDistances, CloudErrors, DepthErrors};
 use vamvs_io::ply;
@@ -34,8 +34,8 @@ pub struct Verdict {
     pub depth: DepthErrors,
     /// The confident ones of them.
     pub confident: DepthErrors,
-    /// The truth at the size of the depth maps, view by view.
-    pub truth: Vec<Rendered>,
+    /// The true depth at the size of the depth maps, view by view.
+    pub truth: Vec<Grid<f32>>,
     /// The estimates, view by view.
     pub maps: Vec<Map>,
     /// The cloud, coloured by distance to the truth.
@@ -48,8 +48,7 @@ pub struct Verdict {
 pub fn judge(scene: &DemoScene, out: &Path) -> Result<Verdict> {
     let maps: Vec<Map> =
         (0..scene.views.len()).map(|view| Map::read(out, &DemoScene::name(view))).collect::<Result<_>>()?;
-    let truth = scene.views_at(maps.first().map_or(Size::new(1, 1), |map| map.depth.size()));
-    let true_depth: Vec<_> = truth.iter().map(|view| view.depth.clone()).collect();
+    let truth = scene.depth_at(maps.first().map_or(Size::new(1, 1), |map| map.depth.size()));
     let depth: Vec<_> = maps.iter().map(|map| map.depth.clone()).collect();
     let confident: Vec<_> = maps.iter().map(Map::confident).collect();
     let cloud = ply::read(&out.join("fused.ply"))?;
@@ -58,8 +57,8 @@ pub fn judge(scene: &DemoScene, out: &Path) -> Result<Verdict> {
     let threshold = THRESHOLD * scene.median_depth();
     Ok(Verdict {
         agreement: distances.errors(&[threshold]),
-        depth: relative_errors(&depth, &true_depth, &THRESHOLDS)?,
-        confident: relative_errors(&confident, &true_depth, &THRESHOLDS)?,
+        depth: relative_errors(&depth, &truth, &THRESHOLDS)?,
+        confident: relative_errors(&confident, &truth, &THRESHOLDS)?,
         wrong: coloured(cloud.iter().copied(), &distances.to_truth, threshold),
         missing: coloured(exact.iter().map(bare), &distances.to_cloud, threshold),
         cloud,

@@ -97,7 +97,7 @@ impl Pictures {
 
 /// Photograph, true depth, estimated depth, error and confidence of a view.
 fn view_picture(scene: &DemoScene, verdict: &Verdict, view: usize, folder: &Path) -> Result<ViewPicture> {
-    let (truth, map) = (&verdict.truth[view].depth, &verdict.maps[view]);
+    let (truth, map) = (&verdict.truth[view], &verdict.maps[view]);
     let true_depth = valid(truth);
     let (near, far) = spread(&true_depth);
     let parts = [

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use vamvs_core::Size;
-use vamvs_tests::{Rendered, fixtures, folder};
+use vamvs_core::{Grid, Size};
+use vamvs_synth::RenderOptions;
+use vamvs_tests::{Rendered, fixtures, folder, render, rig};
 
 /// Size of the photographs.
 const SIZE: Size = Size::new(640, 480);
@@ -25,7 +26,9 @@ pub struct DemoScene {
 impl DemoScene {
     /// Renders the scene.
     pub fn render(root: &Path) -> Self {
-        Self { root: root.to_owned(), views: fixtures::still_life(SIZE, VIEWS) }
+        let stations = rig::arc(VIEWS, SIZE);
+        let views = render(fixtures::still_life_tracer(), &stations, &RenderOptions::default());
+        Self { root: root.to_owned(), views }
     }
 
     /// Folder of photographs.
@@ -48,9 +51,13 @@ impl DemoScene {
         Ok(folder::write_mvsnet(&self.root, &self.views, Self::name, WIDER)?)
     }
 
-    /// What the photographs would show at another size.
-    pub fn views_at(&self, size: Size) -> Vec<Rendered> {
-        if size == SIZE { self.views.clone() } else { fixtures::still_life(size, VIEWS) }
+    /// The true depth of all views at another size.
+    pub fn depth_at(&self, size: Size) -> Vec<Grid<f32>> {
+        let depth = |view: &Rendered| {
+            let camera = view.photo.camera.resized(size);
+            fixtures::still_life_tracer().truth(&camera, &view.photo.cam_from_world).depth
+        };
+        self.views.iter().map(depth).collect()
     }
 
     /// The median depth of all pixels.

@@ -19,7 +19,7 @@ const SMALL_SIDE: usize = 256;
 const LARGE: f32 = 0.4;
 
 /// How many photographs are looked at for a large surface.
-const CANDIDATES: usize = 5;
+const CANDIDATES: usize = 4;
 
 /// Width and height of plain patterns, pixels: they have little to show.
 const PLAIN_SIDE: usize = 128;
@@ -105,23 +105,21 @@ pub(crate) fn log_uniform(range: std::ops::Range<f32>, rng: &mut Pcg64) -> f32 {
     range.start * (range.end / range.start).powf(rng.random())
 }
 
-/// How much the means of the cells of a 4 × 4 grid over the picture differ: the variance of their
-/// sRGB values.
+/// How little of a picture's contrast lies in its detail: the share of the variance of its brightness
+/// that is left in the means of the cells of a 4 × 4 grid.
 fn unevenness(picture: &Grid<Rgb>) -> f64 {
-    let mut cells = [([0.0; 3], 0.0); 16];
+    let mut cells = [[0.0; 3]; 16];
     for y in 0..picture.height() {
         for (x, pixel) in picture.row(y).iter().enumerate() {
-            let (sum, count) = &mut cells[4 * (4 * y / picture.height()) + 4 * x / picture.width()];
-            (0..3).for_each(|i| sum[i] += f64::from(pixel[i]));
-            *count += 1.0;
+            let brightness = pixel.iter().map(|&value| f64::from(value)).sum::<f64>();
+            let cell = &mut cells[4 * (4 * y / picture.height()) + 4 * x / picture.width()];
+            *cell = [cell[0] + 1.0, cell[1] + brightness, cell[2] + brightness * brightness];
         }
     }
-    let means = cells.map(|(sum, count)| sum.map(|value| value / f64::max(count, 1.0)));
-    let variance = |i: usize| {
-        let mean = means.iter().map(|cell| cell[i]).sum::<f64>() / 16.0;
-        means.iter().map(|cell| (cell[i] - mean).powi(2)).sum::<f64>() / 16.0
-    };
-    (0..3).map(variance).sum()
+    let [count, sum, squares] = [0, 1, 2].map(|i| cells.iter().map(|cell| cell[i]).sum::<f64>());
+    let mean_square = sum * sum / count;
+    let between = cells.iter().map(|[n, sum, _]| sum * sum / n.max(1.0)).sum::<f64>() - mean_square;
+    between / (squares - mean_square).max(1.0)
 }
 
 fn mirrored(picture: &Grid<Rgb>) -> Grid<Rgb> {
@@ -149,9 +147,10 @@ mod tests {
         let of =
             |f: fn(usize, usize) -> u8| unevenness(&Grid::from_fn(Size::new(64, 48), |x, y| [f(x, y); 3]));
         assert_eq!(of(|x, y| 255 * ((x + y) % 2) as u8), 0.0);
-        // Halves of 0 and 200 have a variance of 100² in each of three channels.
-        assert_eq!(of(|x, _| if x < 32 { 0 } else { 200 }), 3e4);
-        assert_eq!(of(|_, y| if y < 24 { 0 } else { 200 }), 3e4);
+        assert_eq!(of(|_, _| 100), 0.0);
+        assert_eq!(of(|x, _| if x < 32 { 0 } else { 200 }), 1.0);
+        // Halves that differ by 100 under detail of 50: half of the variance.
+        assert_eq!(of(|x, y| if y < 24 { 0 } else { 100 } + 100 * ((x + y) % 2) as u8), 0.5);
     }
 
     #[test]
