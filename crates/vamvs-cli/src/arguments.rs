@@ -1,5 +1,7 @@
 //! What the command line understands. Flags that are not given leave the configuration as it is.
 
+#[cfg(feature = "net")]
+mod calibrate;
 mod eval;
 mod synth;
 #[cfg(feature = "net")]
@@ -10,6 +12,8 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde::{Deserialize, Serialize};
 
+#[cfg(feature = "net")]
+pub use calibrate::CalibrateArguments;
 pub use eval::{
     CloudPreset, DepthThresholdFlags, DtuFlags, EvalArguments, EvalCloudArguments, EvalCommand,
     EvalDepthArguments, EvalGeneralFlags, EvalSceneArguments, TntFlags,
@@ -48,6 +52,10 @@ pub enum Command {
     #[cfg(feature = "net")]
     #[command(after_help = train::EXAMPLES)]
     Train(TrainArguments),
+    /// A network whose confidence is the share of depths that are right.
+    #[cfg(feature = "net")]
+    #[command(after_help = calibrate::EXAMPLES)]
+    Calibrate(CalibrateArguments),
     /// Results against truth: depth maps, clouds, whole scenes.
     #[command(after_help = eval::EXAMPLES)]
     Eval(EvalArguments),

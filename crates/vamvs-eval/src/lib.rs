@@ -2,7 +2,7 @@
 //!
 //! [`depth`] compares depth maps, [`cloud`] clouds; [`dtu`] and [`tnt`] are the protocols of two
 //! benchmarks, put together of [`thin`](mod@thin), [`voxel`] and [`icp`]. [`surface`] makes a true cloud of
-//! true depth maps. This crate knows no file and makes no pictures; it counts.
+//! true depth maps, [`reliability`] asks whether confidence means what it says. This crate knows no file and makes no pictures; it counts.
 
 mod cells;
 pub mod cloud;
@@ -10,6 +10,7 @@ pub mod depth;
 pub mod dtu;
 pub mod icp;
 pub mod nearest;
+pub mod reliability;
 pub mod stats;
 pub mod surface;
 pub mod thin;
@@ -20,6 +21,7 @@ pub use cells::TooFine;
 pub use cloud::{Agreement, CloudDistances, CloudErrors, compare_clouds};
 pub use depth::{DepthErrors, DepthSamples, PixelMap, Region, Threshold};
 pub use nearest::nearest_distances;
+pub use reliability::Reliability;
 pub use stats::Spread;
 pub use thin::thin;
 pub use voxel::voxel_means;

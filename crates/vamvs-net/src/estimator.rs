@@ -176,6 +176,18 @@ impl Estimator {
         (self.options.strip_points / (hypotheses * reference.size_at(COARSE_SCALE).width)).max(8)
     }
 
+    /// The confidence as the share of pixels that are right, if the network was calibrated with the
+    /// iterations that were run.
+    fn calibrated(&self, confidence: Grid<f32>) -> Grid<f32> {
+        let manifest = self.network.manifest();
+        match &manifest.calibration {
+            Some(map) if self.options.iterations == manifest.iterations => {
+                confidence.map(|&value| map.at(f64::from(value)) as f32)
+            }
+            _ => confidence,
+        }
+    }
+
     /// The last stage as a depth map, without the padding.
     fn depth_map(
         &self,
@@ -200,6 +212,7 @@ impl Estimator {
         let depth = depth_of(planes, &last.u)?.f_mul_scalar(planes.range.near)?;
         let coarse_confidence = grid(&enlarge(&stages[0].confidence, padded)?)?;
         let confidence = if stages.len() > 1 { grid(&last.confidence)? } else { coarse_confidence.clone() };
+        let confidence = self.calibrated(confidence);
         let ratio = 1.0 / scale as f64;
         Ok(DepthMap {
             camera: Pinhole { size, intrinsics: reference.intrinsics().scaled(ratio, ratio) },

@@ -1,6 +1,7 @@
 //! What a module says of itself.
 
 use serde::{Deserialize, Serialize};
+use vamvs_core::MonotoneMap;
 
 use crate::{Aggregation, NetError};
 
@@ -32,6 +33,9 @@ pub struct Manifest {
     pub trained_on: String,
     /// Measured scores.
     pub scores: serde_json::Map<String, serde_json::Value>,
+    /// From the confidence after the last of `iterations` to the share of pixels that are right.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<MonotoneMap>,
 }
 
 /// One flow iteration.
@@ -118,6 +122,7 @@ mod tests {
             ("\"step\":0.15", "\"step\":0.0", "step 0"),
             ("\"neighbours\":16", "\"neighbours\":0", "0 neighbours"),
             ("vis-max", "vis-min", "vis-min"),
+            ("\"scores\":{}", "\"scores\":{},\"calibration\":[[0.5,0.5],[0.4,0.9]]", "x to grow"),
             ("{\"contract\"", "[\"contract\"", "JSON"),
         ] {
             let error = Manifest::parse(&GOOD.replace(from, to), "test").unwrap_err().to_string();

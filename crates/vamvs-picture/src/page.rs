@@ -8,7 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 use vamvs_core::{Grid, Rgb};
 use vamvs_io::{IoError, atomic, image};
 
-use crate::Scale;
+use crate::{Chart, Scale};
 
 /// How it all looks.
 const STYLE: &str = include_str!("page.css");
@@ -106,6 +106,12 @@ impl Page {
         self.body.push_str("</div>\n");
     }
 
+    /// A diagram.
+    pub fn chart(&mut self, chart: &Chart) {
+        let (title, svg) = (escaped(chart.title), chart.svg());
+        self.add(format_args!("<figure class=\"chart\"><figcaption>{title}</figcaption>{svg}</figure>"));
+    }
+
     /// Text as it stands.
     pub fn verbatim(&mut self, text: &str) {
         self.add(format_args!("<pre>{}</pre>", escaped(text)));
@@ -164,7 +170,8 @@ impl Picture {
     }
 }
 
-fn escaped(text: &str) -> String {
+/// Text that is no markup.
+pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

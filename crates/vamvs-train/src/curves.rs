@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use vamvs_io::atomic;
+use vamvs_picture::{Chart, Curve, Page};
 
 use crate::TrainError;
 use crate::checkpoint::system;
@@ -13,12 +14,6 @@ use crate::event::{StepRecord, TrainEvent, ValidationRecord};
 
 /// Points of a curve; steps between them are averaged.
 const POINTS: usize = 300;
-/// Size of a diagram.
-const WIDTH: f64 = 720.0;
-const HEIGHT: f64 = 260.0;
-/// Colours of the curves: coarse first, then iterations, then what is left.
-const COLOURS: [&str; 6] = ["#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b"];
-
 /// The log of a run.
 pub struct Log {
     path: PathBuf,
@@ -80,21 +75,14 @@ impl Log {
     /// # Errors
     /// If the file cannot be written.
     pub fn draw(&self, path: &Path) -> Result<(), TrainError> {
-        let diagrams = [
-            diagram("Loss of each stage, in its hypotheses' distance", &self.losses()),
-            diagram(
-                "Failures: share of validation pixels off by more than 1 % of the depth",
-                &self.failures(),
-            ),
-            diagram("Share of validation pixels within d", &self.within()),
-            diagram("Learning rate", &[curve("learning rate", &self.steps, |r| Some(r.learning_rate))]),
-        ];
-        let head = "<!doctype html><meta charset=utf-8><title>Training</title>\
-            <style>body{font:15px sans-serif;margin:2em;max-width:760px}text{font:12px sans-serif}</style>";
-        Ok(atomic::write(path, |out| {
-            writeln!(out, "{head}<h1>Training, {} steps</h1>", self.steps.last().map_or(0, |r| r.step))?;
-            diagrams.iter().try_for_each(|diagram| writeln!(out, "{diagram}"))
-        })?)
+        let steps = self.steps.last().map_or(0, |record| record.step);
+        let mut page = Page::new("Training", &format!("{steps} steps"));
+        let mut draw = |title: &str, curves: Vec<Curve>| page.chart(&chart(title, curves));
+        draw("Loss of each stage, in its hypotheses' distance", self.losses());
+        draw("Failures: share of validation pixels off by more than 1 % of the depth", self.failures());
+        draw("Share of validation pixels within d", self.within());
+        draw("Learning rate", vec![curve("learning rate", &self.steps, |r| Some(r.learning_rate))]);
+        Ok(page.save(path)?)
     }
 
     fn losses(&self) -> Vec<Curve> {
@@ -121,7 +109,7 @@ impl Log {
         let stages = self.validations.first().map_or(0, |record| record.scores.stages.len());
         let of_stage = |i: usize| Curve {
             name: stage_name(i),
-            points: self.validations.iter().map(|r| (r.step as f64, values(&r.scores)[i])).collect(),
+            points: self.validations.iter().map(|r| [r.step as f64, values(&r.scores)[i]]).collect(),
         };
         (0..stages).map(of_stage).collect()
     }
@@ -137,46 +125,24 @@ fn stage_name(stage: usize) -> String {
     if stage == 0 { "coarse".to_owned() } else { format!("iteration {stage}") }
 }
 
-struct Curve {
-    name: String,
-    points: Vec<(f64, f64)>,
-}
-
 /// A curve of means over equally many steps.
 fn curve(name: &str, steps: &[StepRecord], value: impl Fn(&StepRecord) -> Option<f64>) -> Curve {
     let mean = |records: &[StepRecord]| {
         let known: Vec<f64> = records.iter().filter_map(&value).collect();
         let step = records.last()?.step as f64;
-        (!known.is_empty()).then(|| (step, known.iter().sum::<f64>() / known.len() as f64))
+        (!known.is_empty()).then(|| [step, known.iter().sum::<f64>() / known.len() as f64])
     };
     let points = steps.chunks(steps.len().div_ceil(POINTS).max(1)).filter_map(mean).collect();
     Curve { name: name.to_owned(), points }
 }
 
 /// A diagram of curves over steps, from 0 to their largest value but for the first twentieth.
-fn diagram(title: &str, curves: &[Curve]) -> String {
+fn chart(title: &str, curves: Vec<Curve>) -> Chart<'_> {
     let points = || curves.iter().flat_map(|curve| &curve.points);
-    let last = points().map(|point| point.0).fold(1.0, f64::max);
-    let settled = points().filter(|point| point.0 > 0.05 * last).map(|point| point.1);
+    let last = points().map(|point| point[0]).fold(1.0, f64::max);
+    let settled = points().filter(|point| point[0] > 0.05 * last).map(|point| point[1]);
     let top = settled.fold(f64::MIN_POSITIVE, f64::max);
-    let (x, y) = (
-        |step: f64| 50.0 + step / last * (WIDTH - 60.0),
-        |v: f64| HEIGHT - 25.0 - (v / top).clamp(0.0, 1.05) * (HEIGHT - 50.0),
-    );
-    let mut svg = format!("<h2>{title}</h2><svg width={WIDTH} height={HEIGHT}>");
-    for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
-        let (value, height) = (share * top, y(share * top));
-        svg += &format!("<path d='M50 {height}H{WIDTH}' stroke='#ddd'/><text y={height}>{value:.3}</text>");
-    }
-    svg += &format!("<text x={} y={HEIGHT}>{last} steps</text>", WIDTH - 90.0);
-    for (index, Curve { name, points }) in curves.iter().enumerate() {
-        let colour = COLOURS[index % COLOURS.len()];
-        let path: Vec<String> = points.iter().map(|&(a, b)| format!("{:.1},{:.1}", x(a), y(b))).collect();
-        svg += &format!("<polyline fill=none stroke='{colour}' points='{}'/>", path.join(" "));
-        let left = 60 + 110 * index;
-        svg += &format!("<text x={left} y=14 fill='{colour}'>{name}</text>");
-    }
-    svg + "</svg>"
+    Chart { title, across: ("steps", last), top, curves }
 }
 
 #[cfg(test)]
@@ -217,7 +183,7 @@ mod tests {
         let steps: Vec<_> = (1..=600).map(record).collect();
         let coarse = curve("coarse", &steps, |record| record.stages[0]);
         assert_eq!(coarse.points.len(), 300);
-        assert!((coarse.points[0].1 - 0.75).abs() < 1e-12);
+        assert!((coarse.points[0][1] - 0.75).abs() < 1e-12);
         assert!(curve("none", &steps, |record| record.stages[1]).points.is_empty());
     }
 }

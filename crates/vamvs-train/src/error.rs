@@ -52,6 +52,9 @@ pub enum TrainError {
         /// The loss.
         loss: f64,
     },
+    /// No pixel of the scenes has a true depth.
+    #[error("there is nothing to calibrate with: no pixel of the scenes has a true depth")]
+    NothingToCalibrate,
     /// A tensor operation failed: out of memory, as a rule.
     #[error("a tensor operation failed (out of memory? try a smaller crop, fewer views or fewer planes)")]
     Tensor(#[from] TchError),

@@ -11,6 +11,7 @@
 //! it had not been.
 
 pub mod augment;
+pub mod calibrate;
 pub mod checkpoint;
 pub mod curves;
 pub mod dataset;
@@ -28,6 +29,7 @@ pub mod trainer;
 pub mod truth;
 pub mod validate;
 
+pub use calibrate::{Calibration, calibrate};
 pub use dataset::Dataset;
 pub use error::TrainError;
 pub use event::TrainEvent;

@@ -82,6 +82,7 @@ impl<'a> Run<'a> {
         };
         let (network, optimizer, state) = match checkpoints.last()? {
             None => {
+                let network = described(network, job)?;
                 let optimizer = Optimizer::new(&network, &job.options.optimizer)?;
                 (network, optimizer, fresh)
             }
@@ -170,6 +171,9 @@ impl<'a> Run<'a> {
         })?;
         sheet.save(&self.job.out.join("validation.png"))?;
         let failures = scores.failures();
+        let mut manifest = self.estimator.network().manifest().clone();
+        manifest.scores.insert("validation failures".to_owned(), failures.into());
+        self.estimator.network_mut().set_manifest(manifest)?;
         let best = self.state.best.is_none_or(|best| failures < best);
         if best {
             self.state.best = Some(failures);
@@ -191,6 +195,25 @@ impl<'a> Run<'a> {
         (self.events)(event);
         Ok(())
     }
+}
+
+/// The network with a manifest that tells what it learns from now on; what was measured of other weights is
+/// gone.
+fn described(mut network: Network, job: &TrainJob) -> Result<Network, TrainError> {
+    let mut manifest = network.manifest().clone();
+    let TrainOptions { steps, batch, sample, .. } = &job.options;
+    let [[width, height], [fewest, most]] = [sample.crop, sample.views];
+    let now = format!(
+        "{} samples of {width}×{height} pixels, {fewest} to {most} views, from {} scenes",
+        steps * batch,
+        job.training.scenes.len()
+    );
+    let before = manifest.trained_on;
+    manifest.trained_on = if before.starts_with("nothing") { now } else { format!("{before}; {now}") };
+    manifest.scores.clear();
+    manifest.calibration = None;
+    network.set_manifest(manifest)?;
+    Ok(network)
 }
 
 /// A run goes on only as the run that it was.

@@ -151,7 +151,7 @@ fn scale_of(sample: &Sample, map: &Grid<f32>) -> usize {
 }
 
 /// Image coordinates of the centres of a map's pixels inside the photograph.
-fn centres(side: usize, scale: usize) -> Vec<f64> {
+pub(crate) fn centres(side: usize, scale: usize) -> Vec<f64> {
     (0..side / scale).map(|i| (i as f64 + 0.5) * scale as f64).collect()
 }
 

@@ -1,6 +1,8 @@
 //! The commands, one a file.
 
 #[cfg(feature = "net")]
+mod calibrate;
+#[cfg(feature = "net")]
 mod depth;
 mod eval;
 mod fuse;
@@ -26,6 +28,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Synth(arguments) => synth::run(arguments),
         #[cfg(feature = "net")]
         Command::Train(arguments) => train::run(arguments),
+        #[cfg(feature = "net")]
+        Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Info(arguments) => info::run(arguments),
     }

@@ -6,7 +6,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 use vamvs_core::{DepthMap, Grid, Size, Visibility};
 use vamvs_eval::depth::{MapPair, PlaneUnit};
-use vamvs_eval::{DepthErrors, DepthSamples, PixelMap, Region, Threshold};
+use vamvs_eval::reliability::outcomes;
+use vamvs_eval::{DepthErrors, DepthSamples, PixelMap, Region, Reliability, Threshold};
 use vamvs_fusion::MapSource;
 use vamvs_io::masks::Masks;
 use vamvs_io::{depth, visibility};
@@ -18,6 +19,9 @@ const SAME_POSE: f64 = 0.01;
 
 /// Relative errors of interest.
 const RELATIVE: [f64; 4] = [0.002, 0.005, 0.01, 0.02];
+
+/// The relative error up to which a depth counts as right where confidence is asked.
+pub const RIGHT_WITHIN: f64 = 0.01;
 
 /// Errors of interest in plane distances: those of the paper (section 4.1).
 const PLANES: [f64; 2] = [1.0, 3.0];
@@ -48,6 +52,9 @@ pub struct SceneErrors {
     pub views: Vec<ViewErrors>,
     /// Over the pixels of all views.
     pub total: Vec<RegionErrors>,
+    /// How often pixels of each confidence are right: off by at most [`RIGHT_WITHIN`]; without pixels if
+    /// there are no confidences.
+    pub reliability: Reliability,
 }
 
 /// The depth maps of a scene and the true ones of the same views.
@@ -196,19 +203,22 @@ impl DepthScene {
         if let Some(view) = self.views.iter().find(|view| view.plane.is_none()) {
             refuse_planes(thresholds, &self.prediction.names()[view.predicted])?;
         }
-        let samples: Vec<DepthSamples> =
+        let samples: Vec<_> =
             (0..self.views.len()).into_par_iter().map(|view| self.samples(view)).collect::<Result<_, _>>()?;
-        let mut total = DepthSamples::default();
-        samples.iter().for_each(|of_view| total.append(of_view));
-        let view = |(view, samples): (usize, &DepthSamples)| ViewErrors {
+        let (mut total, mut reliability) = (DepthSamples::default(), Reliability::default());
+        for (of_view, reliable) in &samples {
+            total.append(of_view);
+            reliability.append(reliable);
+        }
+        let view = |(view, (samples, _)): (usize, &(DepthSamples, Reliability))| ViewErrors {
             view: self.name(view).to_owned(),
             regions: regions(samples, thresholds),
         };
         let views = samples.iter().enumerate().map(view).collect();
-        Ok(SceneErrors { views, total: regions(&total, thresholds) })
+        Ok(SceneErrors { views, total: regions(&total, thresholds), reliability })
     }
 
-    fn samples(&self, view: usize) -> Result<DepthSamples, VamvsError> {
+    fn samples(&self, view: usize) -> Result<(DepthSamples, Reliability), VamvsError> {
         let compared = self.compared(view)?;
         let pair = MapPair {
             depth: &compared.map.depth,
@@ -220,7 +230,10 @@ impl DepthScene {
         samples
             .add(&pair)
             .map_err(|error| VamvsError::Request(error.to_string()).of_view(self.name(view)))?;
-        Ok(samples)
+        let mut reliability = Reliability::default();
+        outcomes(&compared.map.depth, &compared.map.confidence, &compared.truth, RIGHT_WITHIN)
+            .for_each(|(confidence, right)| reliability.add(confidence, right));
+        Ok((samples, reliability))
     }
 
     /// Reads a view's depth map and what the truth is under its pixels.
@@ -297,7 +310,8 @@ pub fn compare_files(
     let mut samples = DepthSamples::default();
     samples.add(&MapPair { depth: &depth, truth: &truth, visible: None, plane }).map_err(refused)?;
     let total = regions(&samples, thresholds);
-    Ok(SceneErrors { views: vec![ViewErrors { view: name, regions: total.clone() }], total })
+    let views = vec![ViewErrors { view: name, regions: total.clone() }];
+    Ok(SceneErrors { views, total, reliability: Reliability::default() })
 }
 
 /// Scenes by name, each with its folder of depth maps and that of the truth: the two folders themselves, or

@@ -3,13 +3,14 @@
 
 use nalgebra::Vector3;
 use vamvs_core::{Cloud, CloudPoint, Grid, Rgb, Size};
+use vamvs_eval::reliability::{Bin, Kept};
 use vamvs_eval::{Region, Threshold};
 use vamvs_fusion::MapSource;
 use vamvs_picture::map::{relative_errors, spread, valid};
 use vamvs_picture::viewpoint::best_direction;
-use vamvs_picture::{Legend, Look, Page, Picture, Scale, Surfels, Viewpoint, panel};
+use vamvs_picture::{Chart, Curve, Legend, Look, Page, Picture, Scale, Surfels, Viewpoint, panel};
 
-use super::depth::{ComparedMap, RegionErrors};
+use super::depth::{ComparedMap, RIGHT_WITHIN, RegionErrors};
 use super::scene::{ComparedCloud, SceneEvaluation};
 use crate::VamvsError;
 
@@ -39,6 +40,7 @@ impl SceneEvaluation {
             self.clouds(&mut page, cloud);
         }
         self.depth_table(&mut page);
+        self.confidence(&mut page);
         self.views(&mut page)?;
         Ok(page)
     }
@@ -124,6 +126,33 @@ impl SceneEvaluation {
         rows.extend(views.iter().map(|view| row(&view.view, &view.regions[0])));
         page.table(&head, &rows);
         page.paragraph("Errors and shares are over the pixels that have a true depth and a depth.");
+    }
+
+    fn confidence(&self, page: &mut Page) {
+        let reliability = &self.scores.depth.reliability;
+        let points = |of: &dyn Fn(&Kept) -> f64| {
+            reliability.kept().iter().map(|kept| [kept.confidence, of(kept)]).collect()
+        };
+        let bins = reliability.bins.iter().filter(|bin| bin.pixels > 0);
+        let of_bin = |bin: &Bin| [bin.confidence / bin.pixels as f64, bin.right as f64 / bin.pixels as f64];
+        let curve = |name: &str, points| Curve { name: name.to_owned(), points };
+        page.heading("Confidence");
+        page.chart(&Chart {
+            title: "Share of pixels that are right, by their confidence, and what a least confidence keeps",
+            across: ("confidence", 1.0),
+            top: 1.0,
+            curves: vec![
+                curve("right", bins.map(of_bin).collect()),
+                curve("should be", vec![[0.0; 2], [1.0; 2]]),
+                curve("right of kept", points(&|kept| kept.right)),
+                curve("kept", points(&|kept| kept.share)),
+            ],
+        });
+        page.paragraph(&format!(
+            "A pixel is right if its depth is off by at most {}. Confidence is off by {} on average.",
+            percent(RIGHT_WITHIN),
+            percent(reliability.error())
+        ));
     }
 
     fn views(&self, page: &mut Page) -> Result<(), VamvsError> {

@@ -1,0 +1,45 @@
+//! What `vamvs calibrate` understands.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+/// The end of the command's help.
+pub const EXAMPLES: &str = "\
+Example:
+  vamvs calibrate --data held-out --weights run/best.pt --out vis-max.pt
+
+A depth counts as right if it is off by at most 1 %. Half of the views are fitted to, the other half tell
+what came of it.";
+
+/// `calibrate`.
+#[derive(Debug, Args)]
+pub struct CalibrateArguments {
+    /// Scenes with true depths that the network was not trained with.
+    #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
+    pub data: Vec<PathBuf>,
+    /// The network.
+    #[arg(long, value_name = "FILE.pt")]
+    pub weights: PathBuf,
+    /// The calibrated network.
+    #[arg(short, long, value_name = "FILE.pt")]
+    pub out: PathBuf,
+    /// A page with the reliability before and after.
+    #[arg(long, value_name = "FILE.html")]
+    pub page: Option<PathBuf>,
+    /// Reference views, spread evenly over the scenes.
+    #[arg(long, value_name = "N", default_value_t = 40)]
+    pub references: usize,
+    /// Views compared, the reference included.
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub views: usize,
+    /// auto, cpu, cuda or cuda:N.
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
+    pub device: String,
+    /// Threads [default: one a core].
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Print the result as JSON.
+    #[arg(long)]
+    pub json: bool,
+}

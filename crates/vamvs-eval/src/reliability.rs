@@ -1,0 +1,144 @@
+//! Whether confidence means what it says: of pixels with a confidence of 0.8, 80 % should be right.
+
+use serde::Serialize;
+use vamvs_core::{Grid, depth_map::is_valid};
+
+/// Bins of confidence, of equal width.
+pub const BINS: usize = 20;
+
+/// How often pixels of each confidence are right.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Reliability {
+    /// By confidence, from 0 to 1.
+    pub bins: Vec<Bin>,
+}
+
+/// Pixels of about the same confidence.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Bin {
+    /// How many.
+    pub pixels: usize,
+    /// How many of them are right.
+    pub right: usize,
+    /// The sum of their confidences.
+    pub confidence: f64,
+}
+
+/// Of the pixels of at least a confidence.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Kept {
+    /// The least confidence.
+    pub confidence: f64,
+    /// The share of all pixels that have it.
+    pub share: f64,
+    /// The share of these that are right; NaN if there are none.
+    pub right: f64,
+}
+
+impl Default for Reliability {
+    fn default() -> Self {
+        Self { bins: vec![Bin::default(); BINS] }
+    }
+}
+
+/// The confidence of each pixel that has a true depth and a depth, and whether that depth is right: off by
+/// at most `right_within`, as a share of the true depth.
+pub fn outcomes<'a>(
+    depth: &'a Grid<f32>,
+    confidence: &'a Grid<f32>,
+    truth: &'a Grid<f32>,
+    right_within: f64,
+) -> impl Iterator<Item = (f32, bool)> + 'a {
+    let pixels = depth.data().iter().zip(confidence.data()).zip(truth.data());
+    let known = pixels.filter(|((depth, confidence), truth)| {
+        is_valid(**depth) && is_valid(**truth) && confidence.is_finite()
+    });
+    known.map(move |((depth, confidence), truth)| {
+        let (depth, truth) = (f64::from(*depth), f64::from(*truth));
+        (*confidence, (depth - truth).abs() <= right_within * truth)
+    })
+}
+
+impl Reliability {
+    /// Adds a pixel.
+    pub fn add(&mut self, confidence: f32, right: bool) {
+        let bin = (f64::from(confidence) * BINS as f64).clamp(0.0, (BINS - 1) as f64) as usize;
+        let bin = &mut self.bins[bin];
+        bin.pixels += 1;
+        bin.right += usize::from(right);
+        bin.confidence += f64::from(confidence);
+    }
+
+    /// Adds the pixels of another.
+    pub fn append(&mut self, other: &Self) {
+        for (bin, other) in self.bins.iter_mut().zip(&other.bins) {
+            bin.pixels += other.pixels;
+            bin.right += other.right;
+            bin.confidence += other.confidence;
+        }
+    }
+
+    /// Number of pixels.
+    #[must_use]
+    pub fn pixels(&self) -> usize {
+        self.bins.iter().map(|bin| bin.pixels).sum()
+    }
+
+    /// The mean difference between confidence and share of right pixels, weighted by pixels (the expected
+    /// calibration error); NaN without pixels.
+    #[must_use]
+    pub fn error(&self) -> f64 {
+        let off = self.bins.iter().map(|bin| (bin.confidence - bin.right as f64).abs());
+        off.sum::<f64>() / self.pixels() as f64
+    }
+
+    /// What a least confidence keeps, for each lower end of a bin.
+    #[must_use]
+    pub fn kept(&self) -> Vec<Kept> {
+        let all = self.pixels() as f64;
+        let of = |first: usize| {
+            let [pixels, right] = self.bins[first..]
+                .iter()
+                .fold([0, 0], |[pixels, right], bin| [pixels + bin.pixels, right + bin.right])
+                .map(|count| count as f64);
+            Kept { confidence: first as f64 / BINS as f64, share: pixels / all, right: right / pixels }
+        };
+        (0..BINS).map(of).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vamvs_core::Size;
+
+    #[test]
+    fn confidence_that_is_a_probability_has_no_error() {
+        let mut honest = Reliability::default();
+        let mut boastful = Reliability::default();
+        for i in 0..10 {
+            honest.add(0.7, i < 7);
+            honest.add(0.3, i < 3);
+            boastful.add(1.0, i < 7);
+        }
+        assert!(honest.error() < 1e-7);
+        assert!((boastful.error() - 0.3).abs() < 1e-7);
+        let kept = honest.kept();
+        assert_eq!((kept[0].share, kept[0].right), (1.0, 0.5));
+        assert_eq!((kept[10].confidence, kept[10].share, kept[10].right), (0.5, 0.5, 0.7));
+        assert!(kept[19].right.is_nan() && kept[19].share == 0.0);
+        let mut both = honest.clone();
+        both.append(&boastful);
+        assert_eq!((both.pixels(), both.bins[19].right), (30, 7));
+    }
+
+    #[test]
+    fn outcomes_are_those_of_pixels_with_both_depths() {
+        let grid = |values: [f32; 5]| Grid::from_vec(Size::new(5, 1), values.to_vec());
+        let truth = grid([2.0, 2.0, 0.0, 2.0, 2.0]);
+        let depth = grid([2.0, 2.03, 2.0, 0.0, 2.01]);
+        let confidence = grid([0.9, 0.5, 0.5, 0.5, f32::NAN]);
+        let found: Vec<_> = outcomes(&depth, &confidence, &truth, 0.01).collect();
+        assert_eq!(found, [(0.9, true), (0.5, false)]);
+    }
+}

@@ -1,0 +1,75 @@
+//! What a network's confidence is worth: fitted to how often its depths are right.
+
+use vamvs_core::{DepthMap, Grid, MonotoneMap};
+use vamvs_eval::Reliability;
+use vamvs_eval::reliability::outcomes;
+use vamvs_net::{Estimator, Profile};
+
+use crate::sample::{Sample, whole};
+use crate::validate::{FAILURE, centres};
+use crate::{Dataset, TrainError, Validation};
+
+/// Groups of pixels of neighbouring confidence whose shares are fitted.
+const GROUPS: usize = 64;
+
+/// What a calibration came to, on views that it was not fitted to.
+#[derive(Clone, Debug)]
+pub struct Calibration {
+    /// The confidence as the network gives it.
+    pub before: Reliability,
+    /// The confidence as it will be told.
+    pub after: Reliability,
+}
+
+/// Fits the map from the network's confidence to the share of pixels that are right, off by at most
+/// [`FAILURE`], and puts it into the network's manifest. Every second reference view is fitted to, the
+/// others are measured.
+///
+/// # Errors
+/// If a file is wrong, the module breaks its contract or knows no `set_manifest`, memory runs out, or no
+/// pixel has a true depth.
+pub fn calibrate(
+    estimator: &mut Estimator,
+    dataset: &Dataset,
+    options: &Validation,
+) -> Result<Calibration, TrainError> {
+    let mut manifest = estimator.network().manifest().clone();
+    manifest.calibration = None;
+    estimator.network_mut().set_manifest(manifest.clone())?;
+    let references = dataset.references();
+    let count = options.references.clamp(2, references.len().max(2));
+    let (mut fitted, mut measured) = (Vec::new(), Vec::new());
+    for index in 0..count {
+        let (scene, view) = references[index * references.len() / count];
+        let sample = whole(&dataset.scenes[scene], view, options)?;
+        let map = estimate(estimator, &sample)?;
+        let truth = truth(&sample, &map);
+        let of_view = outcomes(&map.depth, &map.confidence, &truth, FAILURE);
+        let set = if index % 2 == 0 { &mut fitted } else { &mut measured };
+        set.extend(of_view);
+    }
+    let map = MonotoneMap::fit(fitted, GROUPS).ok_or(TrainError::NothingToCalibrate)?;
+    let (mut before, mut after) = (Reliability::default(), Reliability::default());
+    for (confidence, right) in measured {
+        before.add(confidence, right);
+        after.add(map.at(f64::from(confidence)) as f32, right);
+    }
+    manifest.calibration = Some(map);
+    estimator.network_mut().set_manifest(manifest)?;
+    Ok(Calibration { before, after })
+}
+
+fn estimate(estimator: &Estimator, sample: &Sample) -> Result<DepthMap, TrainError> {
+    let encode = |photo| estimator.network().encode(photo);
+    let views = tch::no_grad(|| sample.photos.iter().map(encode).collect::<Result<Vec<_>, _>>())?;
+    let sources: Vec<_> = views[1..].iter().collect();
+    Ok(estimator.estimate(&views[0], &sources, &sample.planes, &mut Profile::default())?)
+}
+
+/// The true depths at the centres of a map's pixels, 0 where unknown.
+fn truth(sample: &Sample, map: &DepthMap) -> Grid<f32> {
+    let (image, size) = (sample.photos[0].camera.size, map.depth.size());
+    let scale = image.width / size.width;
+    let (xs, ys) = (centres(image.width, scale), centres(image.height, scale));
+    Grid::from_fn(size, |x, y| sample.truth.depth_at([xs[x], ys[y]]).unwrap_or(0.0) as f32)
+}
