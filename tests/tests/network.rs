@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use nalgebra::{Rotation3, Vector3};
+use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, DepthRange, Photo, Planes, Pose, Size, Spacing};
 use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile, tch};
 use vamvs_tests::{Rendered, fixtures, folder};
@@ -190,4 +191,38 @@ fn requests_without_sense_are_errors() {
     assert!(estimator.estimate(&encoded, &[&encoded], &one, &mut Profile::default()).is_err());
     let tiny = fixtures::tilted_plane(Size::new(16, 64), 1);
     assert!(estimator.network().encode(&tiny[0].photo).unwrap_err().to_string().contains("16×64"));
+}
+
+#[test]
+fn a_foveated_map_is_the_whole_map_inside_and_thinner_outside() {
+    let views = fixtures::still_life(Size::new(256, 192), 3);
+    let planes = planes(&views[0], 16);
+    for name in ["vis-max", "vis-var"] {
+        let estimator = estimator(name);
+        let encode = |view: &Rendered| estimator.network().encode(&view.photo).unwrap();
+        let encoded: Vec<_> = tch::no_grad(|| views.iter().map(encode).collect());
+        let sources: Vec<_> = encoded[1..].iter().collect();
+        let foveated = |region: PixelBox| {
+            let profile = &mut Profile::default();
+            estimator.estimate_foveated(&encoded[0], &sources, &planes, region, profile).unwrap()
+        };
+        let whole = estimator.estimate(&encoded[0], &sources, &planes, &mut Profile::default()).unwrap();
+        assert_eq!(foveated(PixelBox { x0: 0, y0: 0, x1: 256, y1: 192 }), whole, "{name}");
+
+        let map = foveated(PixelBox { x0: 64, y0: 48, x1: 128, y1: 96 });
+        assert_eq!(map.camera, whole.camera);
+        let has_depth = |x: usize, y: usize| map.depth[(x, y)] > 0.0;
+        let share = |x0: usize, y0: usize, side: usize| {
+            let pixels = (0..side * side).map(|i| (x0 + i % side, y0 + i / side));
+            pixels.filter(|&(x, y)| has_depth(x, y)).count() as f64 / (side * side) as f64
+        };
+        // Map pixels: the region is 32..64 by 24..48, the ring at 1/4 around it 24..72 by 18..54.
+        assert_eq!(share(36, 28, 16), 1.0, "every pixel inside");
+        assert_eq!(share(64, 28, 8), 0.25, "every second pixel of every second row around");
+        assert_eq!(share(80, 60, 32), 1.0 / 16.0, "every fourth farther out");
+        // What is far from the borders knows nothing of them.
+        let centre =
+            |x: usize, y: usize| (map.depth[(x, y)] - whole.depth[(x, y)]).abs() / whole.depth[(x, y)];
+        assert!(centre(48, 36) < 1e-4, "{name}: {}", centre(48, 36));
+    }
 }

@@ -98,16 +98,22 @@ impl Estimator {
         planes: &Planes,
         profile: &mut Profile,
     ) -> Result<DepthMap, NetError> {
+        self.check(sources, planes)?;
+        tch::no_grad(|| {
+            let stages = self.stages(reference, sources, planes, profile)?;
+            self.depth_map(reference, planes, &stages)
+        })
+    }
+
+    /// Checks that there is something to compare.
+    pub(crate) fn check(&self, sources: &[&EncodedView], planes: &Planes) -> Result<(), NetError> {
         if sources.is_empty() {
             return Err(NetError::Request("a depth map needs at least one source view".to_owned()));
         }
         if planes.count < 2 {
             return Err(NetError::Request(format!("a sweep needs at least 2 planes, got {}", planes.count)));
         }
-        tch::no_grad(|| {
-            let stages = self.stages(reference, sources, planes, profile)?;
-            self.depth_map(reference, planes, &stages)
-        })
+        Ok(())
     }
 
     /// The coarse map and the map after each iteration, in plane coordinates.
@@ -178,7 +184,7 @@ impl Estimator {
 
     /// The confidence as the share of pixels that are right, if the network was calibrated with the
     /// iterations that were run.
-    fn calibrated(&self, confidence: Grid<f32>) -> Grid<f32> {
+    pub(crate) fn calibrated(&self, confidence: Grid<f32>) -> Grid<f32> {
         let manifest = self.network.manifest();
         match &manifest.calibration {
             Some(map) if self.options.iterations == manifest.iterations => {
@@ -201,13 +207,7 @@ impl Estimator {
         let last = &stages[stages.len() - 1];
         let padded = reference.size_at(scale);
         let grid = |map: &Tensor| -> Result<Grid<f32>, NetError> {
-            let map = map
-                .f_narrow(0, 0, size.height as i64)?
-                .f_narrow(1, 0, size.width as i64)?
-                .f_to_device(tch::Device::Cpu)?
-                .f_contiguous()?
-                .f_flatten(0, -1)?;
-            Ok(Grid::from_vec(size, Vec::<f32>::try_from(map)?))
+            to_grid(&map.f_narrow(0, 0, size.height as i64)?.f_narrow(1, 0, size.width as i64)?)
         };
         let depth = depth_of(planes, &last.u)?.f_mul_scalar(planes.range.near)?;
         let coarse_confidence = grid(&enlarge(&stages[0].confidence, padded)?)?;
@@ -222,4 +222,11 @@ impl Estimator {
             coarse_confidence: Some(coarse_confidence),
         })
     }
+}
+
+/// A map (h, w) in memory.
+pub(crate) fn to_grid(map: &Tensor) -> Result<Grid<f32>, NetError> {
+    let (height, width) = map.size2()?;
+    let map = map.f_to_device(tch::Device::Cpu)?.f_contiguous()?.f_flatten(0, -1)?;
+    Ok(Grid::from_vec(Size::new(width as usize, height as usize), Vec::<f32>::try_from(map)?))
 }

@@ -5,7 +5,8 @@
 //! geometry between its methods is here, the same for inference and for training. In the order in which
 //! data flows: [`Network::encode`] makes the features of a photograph, [`cost_volume`] sweeps planes
 //! through them, [`coarse`] turns the volume into a depth, [`point_flow`] refines it on a cloud of
-//! hypothesised points, and [`Estimator`] runs the whole.
+//! hypothesised points, and [`Estimator`] runs the whole,
+//! or with [`fovea`] most of it in a region only.
 //!
 //! Depth is told in plane coordinates (see [`vamvs_core::planes`]) throughout, and points are normalised
 //! by the reference view's depth range, so nothing depends on the scene's scale or frame.
@@ -17,6 +18,7 @@ pub mod device;
 pub mod encode;
 pub mod error;
 pub mod estimator;
+pub mod fovea;
 pub mod manifest;
 pub mod point_flow;
 pub mod profile;
