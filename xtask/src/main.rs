@@ -11,6 +11,7 @@ mod pip;
 mod real;
 mod setup;
 mod step;
+mod stress;
 mod test;
 mod unpack;
 mod vamvs;
@@ -29,6 +30,7 @@ enum Command {
     Picture(picture::Picture),
     Real(real::Real),
     Bench(bench::Bench),
+    Stress(stress::Stress),
     Test(test::Test),
 }
 
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
         Command::Picture(picture) => picture.run(),
         Command::Real(real) => real.run(),
         Command::Bench(bench) => bench.run(),
+        Command::Stress(stress) => stress.run(),
         Command::Test(test) => test.run(),
     };
     if let Err(error) = &done {

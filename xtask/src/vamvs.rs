@@ -66,7 +66,7 @@ pub fn reconstruct(arguments: &[impl AsRef<OsStr>], out: &Path) -> Result<Recons
 }
 
 /// The release build, beside the build that this program is of.
-fn binary() -> Result<PathBuf> {
+pub fn binary() -> Result<PathBuf> {
     let this = std::env::current_exe().context("where is this program?")?;
     let target = this.ancestors().nth(2).context("this program is not in a target folder")?;
     Ok(target.join("release").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX)))
