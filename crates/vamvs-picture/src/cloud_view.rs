@@ -166,10 +166,7 @@ impl<'a> Camera<'a> {
             name: &shown.name,
             centre: ((centre - middle) / side).into(),
             rotation: rows(&shown.cam_from_world.rotation),
-            tangents: [
-                0.5 * size.width as f64 / intrinsics.fx,
-                0.5 * size.height as f64 / intrinsics.fy,
-            ],
+            tangents: [0.5 * size.width as f64 / intrinsics.fx, 0.5 * size.height as f64 / intrinsics.fy],
             depth: depth / side,
         }
     }
@@ -234,7 +231,8 @@ mod tests {
 
     #[test]
     fn the_page_gets_the_points_and_cameras_relative_to_the_box() {
-        let view = CloudView::new(&square(3.0), vec![camera("aside", 9.0), camera("a", 0.0), camera("b", 0.4)]);
+        let view =
+            CloudView::new(&square(3.0), vec![camera("aside", 9.0), camera("a", 0.0), camera("b", 0.4)]);
         let data = data(&view.html());
         let bytes = STANDARD.decode(data["points"].as_str().unwrap()).unwrap();
         assert_eq!(bytes, view.packed.bytes);

@@ -31,7 +31,8 @@ pub(crate) fn floor_plan(view: &CloudView) -> String {
         .step_by(points.len().div_ceil(DOTS).max(1))
         .map(|point| axes.place(&point.x_in_world.into()))
         .collect();
-    let cameras: Vec<_> = view.cameras.iter().map(|camera| axes.place(&camera.cam_from_world.centre())).collect();
+    let cameras: Vec<_> =
+        view.cameras.iter().map(|camera| axes.place(&camera.cam_from_world.centre())).collect();
     let sheet = Sheet::around(&dots, &cameras);
     let mut path = String::new();
     for dot in dots.iter().map(|dot| sheet.place(dot)).filter(|dot| sheet.holds(dot)) {
@@ -80,7 +81,8 @@ struct Axes {
 impl Axes {
     fn of(view: &CloudView) -> Self {
         let up = view.up;
-        let looks = view.cameras.get(view.start).map_or(Vector3::z(), |camera| camera.cam_from_world.forward());
+        let looks =
+            view.cameras.get(view.start).map_or(Vector3::z(), |camera| camera.cam_from_world.forward());
         let level = (looks - up * looks.dot(&up)).try_normalize(1e-3);
         let forward = level.unwrap_or_else(|| up.cross(&Vector3::ith(up.iamin(), 1.0)).normalize());
         Self { right: forward.cross(&up), forward }
@@ -111,7 +113,11 @@ impl Sheet {
         let ((x, width), (y, height)) = (ends(0), ends(1));
         let scale = (SIDE - 2.0 * MARGIN - 2.0 * REACH) / width.max(height);
         let room = 2.0 * (MARGIN + REACH);
-        Self { low: Vector2::new(x, y), scale, size: Vector2::new(width, height) * scale + Vector2::repeat(room) }
+        Self {
+            low: Vector2::new(x, y),
+            scale,
+            size: Vector2::new(width, height) * scale + Vector2::repeat(room),
+        }
     }
 
     fn place(&self, on_floor: &Vector2<f64>) -> Vector2<f64> {
@@ -149,7 +155,10 @@ mod tests {
             confidence: 1.0,
             views: 2,
         };
-        CloudView::new(&(0..100).map(point).collect::<Vec<_>>(), vec![camera("back", 0.0), camera("<front>", 4.0)])
+        CloudView::new(
+            &(0..100).map(point).collect::<Vec<_>>(),
+            vec![camera("back", 0.0), camera("<front>", 4.0)],
+        )
     }
 
     #[test]
@@ -159,7 +168,8 @@ mod tests {
         assert!((axes.forward - Vector3::y()).norm() < 1e-12 && (axes.right - Vector3::x()).norm() < 1e-12);
         let corners = |triangle: &str| -> Vec<(f64, f64)> {
             let path = triangle.split_once('"').unwrap().0.trim_end_matches('Z');
-            let corner = |text: &str| text.split_once(' ').map(|(x, y)| (x.parse().unwrap(), y.parse().unwrap()));
+            let corner =
+                |text: &str| text.split_once(' ').map(|(x, y)| (x.parse().unwrap(), y.parse().unwrap()));
             path.split(['M', 'L']).filter_map(corner).collect()
         };
         let triangles: Vec<_> = figure.split("class=\"camera\" d=\"").skip(1).map(corners).collect();

@@ -8,11 +8,11 @@ use base64::engine::general_purpose::STANDARD;
 use vamvs_core::{Grid, Rgb};
 use vamvs_io::{IoError, atomic, image};
 
+use crate::Scale;
 use crate::cloud_view::CloudView;
 use crate::floor::floor_plan;
 use crate::number::percent;
 use crate::template::{escaped, fill};
-use crate::Scale;
 
 /// How it all looks.
 const STYLE: &str = include_str!("page.css");

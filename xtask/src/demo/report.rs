@@ -8,8 +8,8 @@ use vamvs_core::{CloudPoint, Grid, Rgb, Size};
 use vamvs_eval::DepthErrors;
 use vamvs_fusion::ViewReport;
 use vamvs_picture::map::{relative_errors, spread, valid};
-use vamvs_picture::viewpoint::{around, best_direction};
 use vamvs_picture::number::{grouped, percent};
+use vamvs_picture::viewpoint::{around, best_direction};
 use vamvs_picture::{Legend, Look, Page, Picture, Scale, Surfels, Viewpoint, panel};
 
 use super::Times;

@@ -5,8 +5,10 @@ mod depth;
 mod eval;
 mod fuse;
 mod info;
+mod manual;
 #[cfg(feature = "net")]
 mod reconstruct;
+mod report;
 mod synth;
 #[cfg(feature = "net")]
 mod train;
@@ -28,5 +30,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Train(arguments) => train::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Info(arguments) => info::run(arguments),
+        Command::Report(arguments) => report::run(arguments),
+        Command::Completions(arguments) => manual::completions(arguments),
+        Command::Man(arguments) => manual::run(arguments),
     }
 }

@@ -141,7 +141,8 @@ impl<'a> Exports<'a> {
             self.write_for_programs(&view, &neighbours[view.number])?;
             Ok(loaded.map.camera)
         };
-        for_all_views(self.maps.len(), write, on_event)
+        let total = self.maps.len();
+        for_all_views(total, write, &mut |done| on_event(Event::Export { done, total }))
     }
 
     fn write_for_programs(&self, view: &ExportedView, neighbours: &[usize]) -> Result<(), VamvsError> {

@@ -8,7 +8,7 @@ mod view;
 
 use std::path::{Path, PathBuf};
 
-use vamvs_fusion::ViewReport;
+use vamvs_fusion::{MapSource, ViewReport};
 use vamvs_io::masks::Masks;
 use vamvs_io::{IoError, ply};
 use vamvs_picture::number::{grouped, percent};
@@ -117,11 +117,10 @@ impl<'a> Report<'a> {
         ]);
         page.begin_panels();
         let total = self.maps.len();
-        let panels = crate::export::for_all_views(
-            total,
-            |view| ViewPanel::load(self.maps, view),
-            &mut |done| on_event(Event::Report { done, total }),
-        )?;
+        let panels =
+            crate::export::for_all_views(total, |view| ViewPanel::load(self.maps, view), &mut |done| {
+                on_event(Event::Report { done, total })
+            })?;
         for panel in &panels {
             panel.add_to(page, self.fusion.as_ref().and_then(|fusion| fusion.pixels(panel.name())));
         }
@@ -151,7 +150,9 @@ impl<'a> Report<'a> {
             page.details("Fusion, as it was done last", |page| page.verbatim(&options));
         }
         match &self.settings {
-            Some(text) => page.details("The run that made the depth maps: run.toml", |page| page.verbatim(text)),
+            Some(text) => {
+                page.details("The run that made the depth maps: run.toml", |page| page.verbatim(text))
+            }
             None => page.paragraph("There is no run.toml that tells how the depth maps were made."),
         }
     }

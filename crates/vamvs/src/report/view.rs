@@ -1,12 +1,12 @@
 //! A view on the page: photograph, depth, confidence, and what was chosen for it.
 
+use vamvs_core::{Grid, Rgb};
 use vamvs_core::{Planes, Size, Spacing};
 use vamvs_fusion::{FusionView, MapSource, ViewReport};
+use vamvs_io::image;
 use vamvs_picture::map::{spread, valid};
 use vamvs_picture::number::length;
 use vamvs_picture::{Page, Picture, Scale, panel};
-use vamvs_core::{Grid, Rgb};
-use vamvs_io::image;
 
 use super::shares;
 use crate::output::Record;
@@ -55,11 +55,7 @@ impl ViewPanel {
             let depth = format!("depth {near} to {far}");
             page.trio(
                 &self.name,
-                &[
-                    (&self.photograph, "photograph"),
-                    (&self.depth, &depth),
-                    (&self.confidence, "confidence"),
-                ],
+                &[(&self.photograph, "photograph"), (&self.depth, &depth), (&self.confidence, "confidence")],
             );
             if let Some(pixels) = pixels {
                 let shares = shares(pixels);
