@@ -46,6 +46,11 @@ pub enum Command {
     /// Depth maps → one cloud: filter and merge.
     #[command(after_help = FUSE_EXAMPLES)]
     Fuse(FuseArguments),
+    /// A run on one page: depth maps, cameras, cloud, and what became of the pixels.
+    #[command(
+        after_help = "Example:\n  vamvs report out        writes out/report.html, for any browser, offline too"
+    )]
+    Report(ReportArguments),
     /// Scenes with exact depth and visibility, to train and test with.
     #[command(after_help = synth::EXAMPLES)]
     Synth(SynthArguments),
@@ -65,7 +70,30 @@ pub enum Command {
         after_help = "Examples:\n  vamvs info weights/photometric.pt\n  vamvs info out/fused.ply\n  vamvs info sparse/0\n  vamvs info device"
     )]
     Info(InfoArguments),
+    /// Completions for a shell, on standard output.
+    #[command(
+        after_help = "Example:\n  vamvs completions bash > ~/.local/share/bash-completion/completions/vamvs"
+    )]
+    Completions(CompletionsArguments),
+    /// The manual, as pages for `man`.
+    #[command(after_help = "Examples:\n  vamvs man | man -l -\n  vamvs man ~/.local/share/man/man1")]
+    Man(ManArguments),
 }
+
+impl Command {
+    /// What to do after the command was interrupted.
+    pub fn resumption(&self) -> &'static str {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Reconstruct(_) | Self::Depth(_) | Self::Train(_) => GOES_ON,
+            Self::Synth(_) => GOES_ON,
+            _ => "stopped; no file is half-written, the same command again starts anew",
+        }
+    }
+}
+
+/// Of commands that keep what is done.
+const GOES_ON: &str = "stopped; what is finished is kept, the same command again goes on from there";
 
 #[cfg(feature = "net")]
 const RECONSTRUCT_EXAMPLES: &str = "\
@@ -98,6 +126,9 @@ pub struct ReconstructArguments {
     /// What other programs get.
     #[command(flatten)]
     pub export: ExportFlags,
+    /// Write no OUT/report.html.
+    #[arg(long)]
+    pub no_report: bool,
 }
 
 /// `depth`.
@@ -153,9 +184,39 @@ pub struct FuseArguments {
     /// What other programs get.
     #[command(flatten)]
     pub export: ExportFlags,
+    /// Write no report.html beside the depth maps; there is none for a cloud elsewhere anyway.
+    #[arg(long)]
+    pub no_report: bool,
     /// What every command has.
     #[command(flatten)]
     pub common: CommonFlags,
+}
+
+/// `report`.
+#[derive(Debug, Args)]
+pub struct ReportArguments {
+    /// Folder of depth maps, as for `vamvs fuse`.
+    #[arg(value_name = "OUT")]
+    pub out: PathBuf,
+    /// Print nothing but errors and warnings.
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// `completions`.
+#[derive(Debug, Args)]
+pub struct CompletionsArguments {
+    /// The shell.
+    #[arg(value_enum, value_name = "SHELL")]
+    pub shell: clap_complete::Shell,
+}
+
+/// `man`.
+#[derive(Debug, Args)]
+pub struct ManArguments {
+    /// Folder for a page for each command [default: that of `vamvs` itself, on standard output].
+    #[arg(value_name = "DIR")]
+    pub folder: Option<PathBuf>,
 }
 
 /// `info`.
@@ -374,6 +435,9 @@ pub struct CommonFlags {
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
+    /// Print what was chosen for each view: source views, depth range, planes.
+    #[arg(short, long, conflicts_with = "quiet")]
+    pub verbose: bool,
     /// Print a summary as JSON on standard output.
     #[arg(long)]
     pub json: bool,

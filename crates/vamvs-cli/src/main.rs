@@ -2,15 +2,19 @@
 
 mod arguments;
 mod command;
+mod interrupt;
 mod progress;
 mod settings;
+mod timing;
 
 use std::process::ExitCode;
 
 use clap::Parser;
 
 fn main() -> ExitCode {
-    match command::run(&arguments::Arguments::parse()) {
+    let arguments = arguments::Arguments::parse();
+    let run = || interrupt::watch(arguments.command.resumption()).and_then(|()| command::run(&arguments));
+    match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error:#}");

@@ -1,13 +1,20 @@
 //! Events of the pipeline on the terminal: a bar there, plain lines elsewhere, all on standard error.
 
+use std::cell::Cell;
 use std::io::IsTerminal;
+use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use vamvs::Event;
+
+use crate::arguments::CommonFlags;
 
 /// Draws events.
 pub struct Progress {
     quiet: bool,
+    verbose: bool,
+    /// Seconds that depth maps took, and how many did.
+    made: Cell<(f64, usize)>,
     bar: ProgressBar,
     terminal: bool,
 }
@@ -24,7 +31,21 @@ impl Progress {
         {
             bar.set_style(style);
         }
-        Self { quiet, bar, terminal }
+        Self { quiet, verbose: false, made: Cell::default(), bar, terminal }
+    }
+
+    /// As quiet or talkative as the flags say.
+    pub fn of(flags: &CommonFlags) -> Self {
+        let mut progress = Self::new(flags.quiet);
+        progress.verbose = flags.verbose;
+        progress
+    }
+
+    /// A line about what was chosen, for those who want to know.
+    pub fn explain(&self, line: &str) {
+        if self.verbose {
+            self.say(line);
+        }
     }
 
     /// A line about what is done.
@@ -52,9 +73,9 @@ impl Progress {
             Event::Warning(text) => self.warn(&text),
             Event::DepthMap { name, done, total, resumed, time } => {
                 self.step("depth maps", done, total);
-                let how =
-                    if resumed { "is there".to_owned() } else { format!("{:.1} s", time.as_secs_f64()) };
-                self.say_without_bar(&format!("depth {done}/{total} {name}: {how}"));
+                let how = if resumed { "is there".to_owned() } else { self.paced(time, total - done) };
+                let line = format!("depth {done}/{total} {name}: {how}");
+                if self.verbose { self.say(&line) } else { self.say_without_bar(&line) }
             }
             Event::Fusion { done, total } => {
                 self.step("fusion", done, total);
@@ -62,8 +83,20 @@ impl Progress {
                     self.say(&format!("fusion {done}/{total}"));
                 }
             }
+            Event::Report { done, total } => self.step("report", done, total),
             Event::Export { done, total } => self.step("export", done, total),
         }
+    }
+
+    /// The time that a depth map took, and that the others will take if they are like those so far.
+    fn paced(&self, time: Duration, others: usize) -> String {
+        let (seconds, made) = self.made.get();
+        let (seconds, made) = (seconds + time.as_secs_f64(), made + 1);
+        self.made.set((seconds, made));
+        let left = seconds / made as f64 * others as f64;
+        let left = HumanDuration(Duration::from_secs_f64(left.ceil()));
+        let left = if others > 0 { format!(", {left:#} left") } else { String::new() };
+        format!("{:.1} s{left}", time.as_secs_f64())
     }
 
     /// Ends the bar.
@@ -79,5 +112,11 @@ impl Progress {
         }
         self.bar.set_length(total as u64);
         self.bar.set_position(done as u64);
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.finish();
     }
 }

@@ -47,6 +47,20 @@ impl FuseReport {
 }
 
 impl ViewReport {
+    /// What became of the pixels in words, each with its count, those that got farther later.
+    #[must_use]
+    pub fn fates(&self) -> [(&'static str, u64); 7] {
+        [
+            ("without depth", self.without_depth),
+            ("masked", self.masked),
+            ("not confident", self.unconfident),
+            ("outside of the region of interest", self.outside_roi),
+            ("not confirmed by other views", self.inconsistent),
+            ("merged into another view's point", self.merged),
+            ("became a point", self.points),
+        ]
+    }
+
     /// The share of pixels that passed all filters, 0 to 1.
     #[must_use]
     pub fn kept(&self) -> f64 {

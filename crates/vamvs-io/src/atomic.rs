@@ -4,13 +4,18 @@
 //! temporary file is removed and a former file of the same name is untouched. A killed process may
 //! leave a file named `.vamvs-*`, never a half-written target.
 
-use std::fs::File;
+use std::collections::BTreeSet;
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tempfile::NamedTempFile;
 
 use crate::IoError;
+
+/// The temporary files of this process. Files are begun and completed under its lock.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 /// How the temporary files' names begin.
 pub const PREFIX: &str = ".vamvs-";
@@ -25,11 +30,34 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -
     file.commit()
 }
 
+/// Ends all writing, for a process that is about to exit: unfinished files are removed, and none is begun
+/// or completed any more. Threads that try wait for ever.
+pub fn end() {
+    let unfinished = unfinished();
+    unfinished.iter().for_each(|path| drop(fs::remove_file(path)));
+    std::mem::forget(unfinished);
+}
+
+fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
+    UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// A file that comes into being when it is committed, and not at all when it is dropped.
 #[derive(Debug)]
 pub struct AtomicFile {
     path: PathBuf,
     temporary: BufWriter<NamedTempFile>,
+    listed: Listed,
+}
+
+/// A temporary file's place in the list of unfinished ones.
+#[derive(Debug)]
+struct Listed(PathBuf);
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        unfinished().remove(&self.0);
+    }
 }
 
 impl AtomicFile {
@@ -38,8 +66,11 @@ impl AtomicFile {
     /// # Errors
     /// If the folder cannot be written.
     pub fn create(path: &Path) -> Result<Self, IoError> {
+        let mut unfinished = unfinished();
         let temporary = temporary_beside(path).map_err(IoError::system("write", path))?;
-        Ok(Self { path: path.to_owned(), temporary: BufWriter::with_capacity(1 << 18, temporary) })
+        unfinished.insert(temporary.path().to_owned());
+        let listed = Listed(temporary.path().to_owned());
+        Ok(Self { path: path.to_owned(), temporary: BufWriter::with_capacity(1 << 18, temporary), listed })
     }
 
     /// The path that the file will have.
@@ -53,14 +84,14 @@ impl AtomicFile {
     /// # Errors
     /// If the last bytes cannot be written or the file cannot be renamed.
     pub fn commit(self) -> Result<(), IoError> {
-        let Self { path, temporary } = self;
-        let rename = |file: NamedTempFile| file.persist(&path).map_err(|refused| refused.error);
-        temporary
-            .into_inner()
-            .map_err(io::IntoInnerError::into_error)
-            .and_then(rename)
-            .map(|_: File| ())
-            .map_err(IoError::system("write", &path))
+        let Self { path, temporary, listed } = self;
+        let rename = |file: NamedTempFile| {
+            let _lock = unfinished();
+            file.persist(&path).map_err(|refused| refused.error)
+        };
+        let renamed = temporary.into_inner().map_err(io::IntoInnerError::into_error).and_then(rename);
+        drop(listed);
+        renamed.map(|_: File| ()).map_err(IoError::system("write", &path))
     }
 }
 
@@ -96,8 +127,6 @@ fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
 
     fn names(folder: &Path) -> Vec<String> {

@@ -9,6 +9,7 @@ use std::fs::{self, File};
 use std::io::{self, BufReader, Cursor, Write};
 use std::path::Path;
 
+use ::image::codecs::jpeg::JpegEncoder;
 use ::image::codecs::png::PngEncoder;
 use ::image::imageops::{self, FilterType};
 use ::image::metadata::Orientation;
@@ -161,6 +162,21 @@ pub fn save_png_gray16(path: &Path, image: &Grid<u16>) -> Result<(), IoError> {
 pub fn png_rgb(image: &Grid<Rgb>) -> Vec<u8> {
     let mut bytes = Vec::new();
     encode_png(&mut bytes, image.data().as_flattened(), image.size(), ExtendedColorType::Rgb8)
+        .expect("memory takes all that is written, and a grid holds one value a pixel");
+    bytes
+}
+
+/// The bytes of a JPEG of `quality`, 1 to 100.
+#[must_use]
+pub fn jpeg_rgb(image: &Grid<Rgb>, quality: u8) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    JpegEncoder::new_with_quality(&mut bytes, quality)
+        .encode(
+            image.data().as_flattened(),
+            image.width() as u32,
+            image.height() as u32,
+            ExtendedColorType::Rgb8,
+        )
         .expect("memory takes all that is written, and a grid holds one value a pixel");
     bytes
 }

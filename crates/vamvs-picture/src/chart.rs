@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::page::escaped;
+use crate::template::escaped;
 
 /// Width and height of the whole, and of its margins: left, right, top, bottom.
 const SIZE: [f64; 2] = [720.0, 280.0];

@@ -8,10 +8,20 @@ use base64::engine::general_purpose::STANDARD;
 use vamvs_core::{Grid, Rgb};
 use vamvs_io::{IoError, atomic, image};
 
+use crate::cloud_view::CloudView;
+use crate::floor::floor_plan;
+use crate::number::percent;
+use crate::template::{escaped, fill};
 use crate::{Chart, Scale};
 
 /// How it all looks.
 const STYLE: &str = include_str!("page.css");
+
+/// What stands around a page's body.
+const FRAME: &str = include_str!("page.html");
+
+/// Quality of JPEGs, of 100.
+const JPEG_QUALITY: u8 = 82;
 
 /// A page in the making.
 #[derive(Clone, Debug)]
@@ -23,7 +33,19 @@ pub struct Page {
 /// A picture to be put into a page.
 #[derive(Clone, Debug)]
 pub struct Picture {
-    png: Vec<u8>,
+    kind: &'static str,
+    bytes: Vec<u8>,
+}
+
+/// A part of a whole, with its place among the colours of bars.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Share {
+    /// What it is.
+    pub what: &'static str,
+    /// Its colour: a variable of the style sheet.
+    pub colour: &'static str,
+    /// How much it is, 0 to 1.
+    pub share: f64,
 }
 
 /// A colour scale explained.
@@ -74,7 +96,8 @@ impl Page {
         };
         let head = line(&mut head.iter().copied(), "th");
         let rows = rows.iter().map(|row| line(&mut row.iter().map(String::as_str), "td"));
-        self.add(format_args!("<table>{head}{}</table>", rows.collect::<String>()));
+        let rows = rows.collect::<String>();
+        self.add(format_args!("<div class=\"scroll\" tabindex=\"0\"><table>{head}{rows}</table></div>"));
     }
 
     /// What the colours of the pictures tell.
@@ -112,6 +135,74 @@ impl Page {
         self.add(format_args!("<figure class=\"chart\"><figcaption>{title}</figcaption>{svg}</figure>"));
     }
 
+    /// Begins a place for panels side by side, which [`Page::end_panels`] ends.
+    pub fn begin_panels(&mut self) {
+        self.body.push_str("<div class=\"panels\">\n");
+    }
+
+    /// Ends the place for panels.
+    pub fn end_panels(&mut self) {
+        self.body.push_str("</div>\n");
+    }
+
+    /// A panel: what `fill` adds, below a title.
+    pub fn panel(&mut self, title: &str, fill: impl FnOnce(&mut Self)) {
+        self.add(format_args!("<section class=\"panel\"><h3>{}</h3>", escaped(title)));
+        fill(self);
+        self.body.push_str("</section>\n");
+    }
+
+    /// What `fill` adds, hidden until it is asked for.
+    pub fn details(&mut self, summary: &str, fill: impl FnOnce(&mut Self)) {
+        self.add(format_args!("<details><summary>{}</summary>", escaped(summary)));
+        fill(self);
+        self.body.push_str("</details>\n");
+    }
+
+    /// Pictures in one row, each with its caption; `of` says of what, to those who cannot see them.
+    pub fn trio(&mut self, of: &str, pictures: &[(&Picture, &str)]) {
+        self.body.push_str("<div class=\"trio\">");
+        for (picture, caption) in pictures {
+            let (uri, caption, of) = (picture.uri(), escaped(caption), escaped(of));
+            self.add(format_args!(
+                "<figure><img src=\"{uri}\" alt=\"{of}: {caption}\" loading=\"lazy\">\
+                 <figcaption>{caption}</figcaption></figure>"
+            ));
+        }
+        self.body.push_str("</div>\n");
+    }
+
+    /// A bar of shares.
+    pub fn bar(&mut self, shares: &[Share]) {
+        let shown = || shares.iter().filter(|share| share.share > 0.0);
+        let words = shown().map(|part| format!("{} {}", percent(part.share, 1), part.what));
+        let words = escaped(&words.collect::<Vec<_>>().join(", "));
+        let parts = shown().map(|Share { colour, share, .. }| {
+            format!("<i style=\"width:{:.2}%;background:var({colour})\"></i>", 100.0 * share)
+        });
+        let parts = parts.collect::<String>();
+        self.add(format_args!("<div class=\"bar\" role=\"img\" aria-label=\"{words}\">{parts}</div>"));
+    }
+
+    /// What the colours of bars tell, each with its share.
+    pub fn key(&mut self, shares: &[Share]) {
+        let items = shares.iter().map(|Share { what, colour, share }| {
+            let (what, share) = (escaped(what), percent(*share, 1));
+            format!("<li><i style=\"background:var({colour})\"></i>{what}: {share}</li>")
+        });
+        self.add(format_args!("<ul class=\"key\">{}</ul>", items.collect::<String>()));
+    }
+
+    /// A cloud to be looked at from all sides.
+    pub fn cloud(&mut self, view: &CloudView) {
+        self.body.push_str(&view.html());
+    }
+
+    /// Where the cameras stand, seen from above.
+    pub fn floor_plan(&mut self, view: &CloudView) {
+        self.body.push_str(&floor_plan(view));
+    }
+
     /// Text as it stands.
     pub fn verbatim(&mut self, text: &str) {
         self.add(format_args!("<pre>{}</pre>", escaped(text)));
@@ -122,15 +213,11 @@ impl Page {
     /// # Errors
     /// If the file cannot be written; then nothing has changed.
     pub fn save(&self, path: &Path) -> Result<(), IoError> {
-        let Self { title, body } = self;
-        atomic::write(path, |out| {
-            write!(
-                out,
-                "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-                 <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-                 <title>{title}</title><style>{STYLE}</style></head>\n<body>\n{body}</body></html>\n"
-            )
-        })
+        atomic::write(path, |out| out.write_all(self.html().as_bytes()))
+    }
+
+    fn html(&self) -> String {
+        fill(FRAME, &[("title", &self.title), ("style", STYLE), ("body", &self.body)])
     }
 
     fn add(&mut self, html: impl Display) {
@@ -151,28 +238,29 @@ impl Legend {
 }
 
 impl Picture {
-    /// A picture of these pixels.
+    /// A picture of exactly these pixels, as PNG.
     #[must_use]
     pub fn new(image: &Grid<Rgb>) -> Self {
-        Self { png: image::png_rgb(image) }
+        Self { kind: "png", bytes: image::png_rgb(image) }
     }
 
-    /// Writes the picture as a PNG file.
+    /// A picture of about these pixels in much less space, as JPEG.
+    #[must_use]
+    pub fn small(image: &Grid<Rgb>) -> Self {
+        Self { kind: "jpeg", bytes: image::jpeg_rgb(image, JPEG_QUALITY) }
+    }
+
+    /// Writes the picture as a file of its kind.
     ///
     /// # Errors
     /// If the file cannot be written; then nothing has changed.
     pub fn save(&self, path: &Path) -> Result<(), IoError> {
-        atomic::write(path, |out| out.write_all(&self.png))
+        atomic::write(path, |out| out.write_all(&self.bytes))
     }
 
     fn uri(&self) -> String {
-        format!("data:image/png;base64,{}", STANDARD.encode(&self.png))
+        format!("data:image/{};base64,{}", self.kind, STANDARD.encode(&self.bytes))
     }
-}
-
-/// Text that is no markup.
-pub(crate) fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]
@@ -190,6 +278,8 @@ mod tests {
         assert_eq!(image::load_rgb(&png).unwrap(), pixels);
         let mut page = Page::new("A & B", "<script>");
         page.gallery(&[(&picture, "1 < 2")]);
+        page.trio("\"><script>", &[(&Picture::small(&pixels), "'<script>'")]);
+        page.panel("<script>", |page| page.details("<script>", |page| page.verbatim("<script>")));
         page.save(&html).unwrap();
         let text = std::fs::read_to_string(html).unwrap();
         let bytes = STANDARD.encode(std::fs::read(png).unwrap());

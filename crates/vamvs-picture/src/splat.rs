@@ -78,6 +78,13 @@ impl<'a> Surfels<'a> {
     }
 }
 
+/// The size that most points have.
+pub(crate) fn typical_radius(points: &[CloudPoint]) -> f32 {
+    let mut radii = radii(points);
+    let middle = radii.len() / 2;
+    if radii.is_empty() { 0.0 } else { *radii.select_nth_unstable_by(middle, f32::total_cmp).1 }
+}
+
 fn radii(points: &[CloudPoint]) -> Vec<f32> {
     let places: Vec<[f64; 3]> = points.iter().map(|point| point.x_in_world).collect();
     let Ok(tree) = ImmutableKdTree::<f64, 3>::new_from_slice(&places) else { return vec![0.0; places.len()] };

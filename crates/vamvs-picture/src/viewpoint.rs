@@ -129,7 +129,7 @@ fn aside(direction: &Vector3<f64>) -> Vector3<f64> {
 }
 
 /// The value of which a share of the values is smaller; 0 of no values.
-fn quantile(values: &mut [f64], share: f64) -> f64 {
+pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     values.get((share * values.len().saturating_sub(1) as f64).round() as usize).copied().unwrap_or(0.0)
 }

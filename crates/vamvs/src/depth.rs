@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Scene, Size};
@@ -32,8 +32,12 @@ pub struct DepthSummary {
     pub resumed: usize,
     /// Views without depth map, with the reason.
     pub skipped: Vec<(String, String)>,
-    /// Where the time went.
+    /// Where the network's time went.
     pub profile: Profile,
+    /// Time to find out what is there already, and to read, undistort and reduce photographs.
+    pub reading: Duration,
+    /// Time to write depth maps.
+    pub writing: Duration,
 }
 
 /// What depth estimation works on.
@@ -66,19 +70,15 @@ pub struct DepthJob<'a> {
 pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<DepthSummary, VamvsError> {
     let names = names(&job.scene.views);
     prepare(job)?;
+    let begin = Instant::now();
     let identity = Identity::new(job.module, job.estimator.options(), job.scene, job.photographs)?;
+    let summary = DepthSummary { reading: begin.elapsed(), ..DepthSummary::default() };
     let capacity = job.options.feature_cache_mib << 20;
     let features = FeatureCache::new(job.scene, job.photographs.clone(), job.estimator.network(), capacity);
-    let mut run = Run {
-        job,
-        names,
-        identity,
-        features,
-        unusable: BTreeMap::new(),
-        left_out: BTreeSet::new(),
-        summary: DepthSummary::default(),
-    };
+    let mut run =
+        Run { job, names, identity, features, unusable: BTreeMap::new(), left_out: BTreeSet::new(), summary };
     run.views(on_event)?;
+    run.summary.reading += run.features.reading;
     run.finish()
 }
 
@@ -199,7 +199,9 @@ impl Run<'_> {
             return Ok(Outcome::Resumed);
         }
         let saved = SavedMap { map: &map, range: plan.planes.range, colour: &colour };
+        let begin = Instant::now();
         self.job.output.save(&self.names[view], &saved, &record)?;
+        self.summary.writing += begin.elapsed();
         self.summary.made += 1;
         self.summary.profile.add(&profile);
         Ok(Outcome::Made)

@@ -27,6 +27,13 @@ pub enum Event {
         /// How many there will be.
         total: usize,
     },
+    /// A view is drawn for the report.
+    Report {
+        /// How many views are done.
+        done: usize,
+        /// How many there will be.
+        total: usize,
+    },
     /// A view is exported.
     Export {
         /// How many views are done.

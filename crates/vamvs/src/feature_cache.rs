@@ -1,6 +1,7 @@
 //! Features of photographs that will be needed again.
 
 use std::rc::Rc;
+use std::time::{Duration, Instant};
 
 use vamvs_core::{Photo, Scene};
 use vamvs_net::tch::no_grad;
@@ -27,23 +28,21 @@ pub struct FeatureCache<'a> {
     pub network: &'a Network,
     /// Bytes to keep.
     pub capacity: usize,
+    /// Time that reading photographs took.
+    pub reading: Duration,
     /// Least recently used first.
     kept: Vec<(usize, Rc<Encoded>)>,
     noted: Vec<bool>,
 }
 
 impl<'a> FeatureCache<'a> {
-    pub fn new(
-        scene: &'a Scene,
-        photographs: Photographs,
-        network: &'a Network,
-        capacity: usize,
-    ) -> Self {
+    pub fn new(scene: &'a Scene, photographs: Photographs, network: &'a Network, capacity: usize) -> Self {
         Self {
             scene,
             photographs,
             network,
             capacity,
+            reading: Duration::ZERO,
             kept: Vec::new(),
             noted: vec![false; scene.views.len()],
         }
@@ -80,7 +79,9 @@ impl<'a> FeatureCache<'a> {
     ) -> Result<Encoded, VamvsError> {
         let scene_view = &self.scene.views[view];
         let of_view = |error: VamvsError| error.of_view(&scene_view.name);
+        let begin = Instant::now();
         let (photo, note) = self.photographs.load(scene_view).map_err(of_view)?;
+        self.reading += begin.elapsed();
         if let Some(note) = note.filter(|_| !self.noted[view]) {
             self.noted[view] = true;
             on_event(Event::Warning(note));

@@ -1,6 +1,7 @@
 //! From depth maps to one cloud, and what is exported with it.
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use vamvs_fusion::{FuseEvent, FuseJob, FusedPoints, MapSource, ViewReport};
 
@@ -18,6 +19,10 @@ pub struct FuseSummary {
     pub points: u64,
     /// The views' names with what became of their pixels.
     pub views: Vec<(String, ViewReport)>,
+    /// Time to fuse, reading of the depth maps and writing of the cloud included.
+    pub fusing: Duration,
+    /// Time to write what other programs get.
+    pub exporting: Duration,
 }
 
 impl FuseSummary {
@@ -59,13 +64,15 @@ pub fn fuse(
         on_event(Event::Fusion { done, total });
     };
     let mut sink = |fused: &FusedPoints| Ok(exporter.push(fused)?);
+    let begin = Instant::now();
     let report = vamvs_fusion::fuse(&job, &mut sink, &mut progress)?;
     warn_of_memory(report.memory, memory, options.max_memory, on_event);
-    let points = report.total().points;
+    let (points, fusing) = (report.total().points, begin.elapsed());
     if points > 0 {
         exporter.finish(&neighbours, &options.filter, on_event)?;
     }
-    Ok(FuseSummary { points, views: maps.names().iter().cloned().zip(report.views).collect() })
+    let views = maps.names().iter().cloned().zip(report.views).collect();
+    Ok(FuseSummary { points, views, fusing, exporting: begin.elapsed() - fusing })
 }
 
 /// Tells of depth maps that took more than they should.

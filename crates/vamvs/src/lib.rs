@@ -4,7 +4,7 @@
 //! [`input`] reads a scene, [`plan`](mod@plan) decides for each view its source views, depth range and
 //! planes, [`depth`] estimates the depth maps with the network and keeps them in an [`output`] folder,
 //! [`maps`] reads depth maps, these or those of other programs, [`fuse`](mod@fuse) merges them into a cloud and
-//! [`export`] hands on to other programs. [`eval`] measures results against truth. Progress comes as
+//! [`export`] hands on to other programs. [`report`] shows a run on a page, [`eval`] measures results against truth. Progress comes as
 //! [`Event`]s; nothing here prints.
 //!
 //! Without the feature `net` the crate builds and runs without libtorch, and everything but [`depth`]
@@ -28,6 +28,7 @@ pub mod options;
 pub mod output;
 pub mod photographs;
 pub mod plan;
+pub mod report;
 #[cfg(feature = "net")]
 pub mod weights;
 

@@ -88,7 +88,7 @@ pub fn spelled(bytes: u64) -> String {
 
 /// The machine's memory, or the limit of the container the process is in.
 fn machine_bytes() -> u64 {
-    let mut system = System::new();
+    let Ok(mut system) = System::new() else { return 0 };
     system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
     let total = system.total_memory();
     system.cgroup_limits().map_or(total, |limits| limits.total_memory.min(total))
@@ -97,7 +97,7 @@ fn machine_bytes() -> u64 {
 /// What the process holds in memory now.
 fn process_bytes() -> u64 {
     let Ok(id) = sysinfo::get_current_pid() else { return 0 };
-    let mut system = System::new();
+    let Ok(mut system) = System::new() else { return 0 };
     let what = ProcessRefreshKind::nothing().with_memory();
     system.refresh_processes_specifics(ProcessesToUpdate::Some(&[id]), false, what);
     system.process(id).map_or(0, sysinfo::Process::memory)

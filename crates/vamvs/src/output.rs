@@ -203,7 +203,8 @@ impl OutputFolder {
     /// # Errors
     /// If a file cannot be removed.
     pub fn discard(&self, name: &str) -> Result<(), VamvsError> {
-        let files = [self.record(name), self.depth(name), self.confidence(name), self.coarse_confidence(name)];
+        let files =
+            [self.record(name), self.depth(name), self.confidence(name), self.coarse_confidence(name)];
         files.iter().chain(&[self.image(name), self.cam(name)]).try_for_each(|file| remove(file))
     }
 
@@ -249,7 +250,8 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), VamvsError>
     Ok(atomic::write(path, |out| writeln!(out, "{text}"))?)
 }
 
-fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, VamvsError> {
+/// Reads a value from JSON.
+pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, VamvsError> {
     let folder = |problem: String| VamvsError::Folder { path: path.to_owned(), problem };
     let text = std::fs::read_to_string(path).map_err(|error| folder(format!("cannot be read: {error}")))?;
     serde_json::from_str(&text).map_err(|error| folder(format!("is not what vamvs wrote: {error}")))

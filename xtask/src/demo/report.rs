@@ -8,6 +8,7 @@ use vamvs_core::{CloudPoint, Grid, Rgb, Size};
 use vamvs_eval::DepthErrors;
 use vamvs_fusion::ViewReport;
 use vamvs_picture::map::{relative_errors, spread, valid};
+use vamvs_picture::number::{grouped, percent};
 use vamvs_picture::viewpoint::{around, best_direction};
 use vamvs_picture::{Legend, Look, Page, Picture, Scale, Surfels, Viewpoint, panel};
 
@@ -236,44 +237,7 @@ fn row(name: &str, errors: &DepthErrors) -> Vec<String> {
 
 /// What became of pixels, line by line.
 fn fates(total: &ViewReport) -> Vec<Vec<String>> {
-    let fates = [
-        ("all", total.pixels),
-        ("without depth", total.without_depth),
-        ("masked", total.masked),
-        ("not confident", total.unconfident),
-        ("outside of the region of interest", total.outside_roi),
-        ("not confirmed by other views", total.inconsistent),
-        ("merged into another view's point", total.merged),
-        ("became a point", total.points),
-    ];
+    let fates = std::iter::once(("all", total.pixels)).chain(total.fates());
     let share = |count: u64| percent(count as f64 / total.pixels.max(1) as f64, 1);
-    fates.iter().map(|&(name, count)| vec![name.to_owned(), grouped(count), share(count)]).collect()
-}
-
-fn percent(share: f64, digits: usize) -> String {
-    format!("{:.digits$} %", 100.0 * share)
-}
-
-/// A number with narrow spaces between thousands.
-fn grouped(number: u64) -> String {
-    let digits = number.to_string();
-    let mut grouped = String::new();
-    for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index).is_multiple_of(3) {
-            grouped.push('\u{202f}');
-        }
-        grouped.push(digit);
-    }
-    grouped
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn thousands_are_apart() {
-        let plain = |number| grouped(number).replace('\u{202f}', "_");
-        assert_eq!([0, 999, 1000, 1_234_567].map(plain), ["0", "999", "1_000", "1_234_567"]);
-    }
+    fates.map(|(name, count)| vec![name.to_owned(), grouped(count), share(count)]).collect()
 }

@@ -16,9 +16,11 @@ use crate::settings::Settings;
 /// Runs the command.
 pub fn run(arguments: &DepthArguments) -> Result<()> {
     let settings = settings(arguments)?;
-    let progress = Progress::new(arguments.common.quiet);
+    let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
     let summary = estimate(arguments, &settings, &progress)?;
     progress.finish();
+    timing.add_depth(&summary);
+    timing.say(&progress);
     if arguments.common.json {
         println!("{}", as_json(&summary));
     }
@@ -96,20 +98,21 @@ fn say_masks(masks: &Masks, masked: usize, views: usize, progress: &Progress) {
     if masked == views { progress.say(&line) } else { progress.warn(&line) }
 }
 
-/// The plan in a few lines: how many views, and the ranges with their origin.
+/// The plan: how many views, and for those who want to know what was chosen for each.
 fn say_plan(scene: &Scene, plan: &Plan, progress: &Progress) {
     let planned = plan.views.iter().flatten().count();
     progress.say(&format!("{planned} of {} views will have a depth map", scene.views.len()));
     for (view, plan) in scene.views.iter().zip(&plan.views) {
         let Ok(ViewPlan { planes, origin, sources, .. }) = plan else { continue };
         let origin = origin.map_or("given".to_owned(), |origin| format!("from {origin}"));
-        progress.say(&format!(
-            "{}: depth {:.4} to {:.4} ({origin}), {} planes, {} source views",
+        let sources: Vec<&str> = sources.iter().map(|&source| scene.views[source].name.as_str()).collect();
+        progress.explain(&format!(
+            "{}: depth {:.4} to {:.4} ({origin}), {} planes, compared with {}",
             view.name,
             planes.range.near,
             planes.range.far,
             planes.count,
-            sources.len()
+            sources.join(", ")
         ));
     }
 }
@@ -120,12 +123,6 @@ fn say_summary(summary: &DepthSummary, progress: &Progress) {
         "{} depth maps made, {} were there, {skipped} views left out",
         summary.made, summary.resumed
     ));
-    let total = summary.profile.total().as_secs_f64();
-    if summary.made > 0 {
-        let stages =
-            Stage::ALL.map(|stage| format!("{stage:?} {:.1} s", summary.profile.spent(stage).as_secs_f64()));
-        progress.say(&format!("network time {total:.1} s: {}", stages.join(", ").to_lowercase()));
-    }
 }
 
 /// The summary for scripts.
@@ -133,10 +130,12 @@ pub fn as_json(summary: &DepthSummary) -> serde_json::Value {
     let stages = Stage::ALL.map(|stage| {
         (format!("{stage:?}").to_lowercase(), summary.profile.spent(stage).as_secs_f64().into())
     });
+    let files = [("read", summary.reading), ("write", summary.writing)];
+    let files = files.map(|(name, time)| (name.to_owned(), time.as_secs_f64().into()));
     json!({
         "made": summary.made,
         "resumed": summary.resumed,
         "skipped": summary.skipped.iter().map(|(name, reason)| json!({"view": name, "reason": reason})).collect::<Vec<_>>(),
-        "seconds": serde_json::Map::from_iter(stages),
+        "seconds": serde_json::Map::from_iter(stages.into_iter().chain(files)),
     })
 }

@@ -8,9 +8,11 @@ use vamvs::export::Program;
 use vamvs::io::masks::Masks;
 use vamvs::{FuseSummary, Maps};
 
+use super::report;
 use crate::arguments::FuseArguments;
 use crate::progress::Progress;
 use crate::settings::{Settings, roi, set};
+use crate::timing::Timing;
 
 /// Runs the command.
 pub fn run(arguments: &FuseArguments) -> Result<()> {
@@ -19,12 +21,15 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     set(&mut settings.fusion.roi, roi(arguments.roi.as_deref())?.map(Some));
     settings.use_threads()?;
     settings.apply_export(&arguments.export);
-    let progress = Progress::new(arguments.common.quiet);
+    let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
     let maps = Maps::open(&arguments.depths, masks(arguments)?, &mut |event| progress.show(event))?;
     let cloud = arguments.out.clone().unwrap_or_else(|| maps.default_cloud());
-    let fused = merge(&maps, &cloud, &settings, &progress);
+    let fused = merge(&maps, &cloud, &settings, &progress)?;
+    timing.add_fusion(&fused);
+    let kept = (&maps, &*cloud, &fused);
+    timing.of("report", || report::keep(kept, &settings, !arguments.no_report, &progress))?;
     progress.finish();
-    let fused = fused?;
+    timing.say(&progress);
     if arguments.common.json {
         println!("{}", as_json(&fused));
     } else {
@@ -75,5 +80,6 @@ fn say_exports(cloud: &Path, settings: &Settings, progress: &Progress) {
 pub fn as_json(fused: &FuseSummary) -> serde_json::Value {
     let views: Vec<_> =
         fused.views.iter().map(|(name, report)| json!({"view": name, "pixels": report})).collect();
-    json!({"points": fused.points, "total": fused.total(), "views": views})
+    let seconds = json!({"fuse": fused.fusing.as_secs_f64(), "export": fused.exporting.as_secs_f64()});
+    json!({"points": fused.points, "total": fused.total(), "views": views, "seconds": seconds})
 }

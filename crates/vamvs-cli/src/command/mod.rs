@@ -7,8 +7,10 @@ mod depth;
 mod eval;
 mod fuse;
 mod info;
+mod manual;
 #[cfg(feature = "net")]
 mod reconstruct;
+mod report;
 mod synth;
 #[cfg(feature = "net")]
 mod train;
@@ -32,5 +34,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Info(arguments) => info::run(arguments),
+        Command::Report(arguments) => report::run(arguments),
+        Command::Completions(arguments) => manual::completions(arguments),
+        Command::Man(arguments) => manual::run(arguments),
     }
 }

@@ -5,9 +5,10 @@ use serde_json::json;
 use vamvs::io::masks::Masks;
 use vamvs::{Maps, OutputFolder};
 
-use super::{depth, fuse};
+use super::{depth, fuse, report};
 use crate::arguments::ReconstructArguments;
 use crate::progress::Progress;
+use crate::timing::Timing;
 
 /// Runs the command.
 pub fn run(arguments: &ReconstructArguments) -> Result<()> {
@@ -16,14 +17,18 @@ pub fn run(arguments: &ReconstructArguments) -> Result<()> {
     settings.apply_export(&arguments.export);
     settings.fusion.filter.validate()?;
     let common = &arguments.depth.common;
-    let progress = Progress::new(common.quiet);
+    let (progress, mut timing) = (Progress::of(common), Timing::begin());
     let maps = depth::estimate(&arguments.depth, &settings, &progress)?;
+    timing.add_depth(&maps);
     let folder = OutputFolder::new(&arguments.depth.out());
     // Masked pixels have no depth already.
     let made = Maps::open(folder.root(), Masks::None, &mut |event| progress.show(event))?;
-    let fused = fuse::merge(&made, &folder.cloud(), &settings, &progress);
+    let fused = fuse::merge(&made, &folder.cloud(), &settings, &progress)?;
+    timing.add_fusion(&fused);
+    let kept = (&made, &*folder.cloud(), &fused);
+    timing.of("report", || report::keep(kept, &settings, !arguments.no_report, &progress))?;
     progress.finish();
-    let fused = fused?;
+    timing.say(&progress);
     if common.json {
         println!("{}", json!({"depth": depth::as_json(&maps), "fusion": fuse::as_json(&fused)}));
     } else {

@@ -7,6 +7,8 @@ mod bad_input;
 mod eval;
 mod exchange;
 mod fuse;
+mod manners;
+mod report;
 #[cfg(feature = "net")]
 mod resume;
 mod scene;

@@ -8,7 +8,9 @@ use vamvs_eval::{Region, Threshold};
 use vamvs_fusion::MapSource;
 use vamvs_picture::map::{relative_errors, spread, valid};
 use vamvs_picture::viewpoint::best_direction;
-use vamvs_picture::{Chart, Curve, Legend, Look, Page, Picture, Scale, Surfels, Viewpoint, panel};
+use vamvs_picture::{Chart, Curve, Legend, Look, Page, Picture, Scale, Surfels, Viewpoint, number, panel};
+
+pub use vamvs_picture::number::length;
 
 use super::depth::{ComparedMap, RIGHT_WITHIN, RegionErrors};
 use super::scene::{ComparedCloud, SceneEvaluation};
@@ -237,18 +239,10 @@ pub fn threshold(threshold: Threshold) -> String {
     }
 }
 
-/// A length in scene units with four significant digits.
-#[must_use]
-pub fn length(value: f64) -> String {
-    let exponent = value.abs().log10().floor();
-    let decimals = if exponent.is_finite() { (3.0 - exponent).clamp(0.0, 12.0) as usize } else { 0 };
-    format!("{value:.decimals$}")
-}
-
 /// A share.
 #[must_use]
 pub fn percent(share: f64) -> String {
-    format!("{:.2} %", 100.0 * share)
+    number::percent(share, 2)
 }
 
 fn legend(what: &'static str, scale: Scale, low: &str, high: &str) -> Legend {
@@ -278,11 +272,5 @@ mod tests {
     fn shares_are_told_in_percent_without_rounding_errors() {
         let texts = [0.011, 0.002, 0.5, 0.000_25].map(|limit| threshold(Threshold::Relative(limit)));
         assert_eq!(texts, ["1.1 %", "0.2 %", "50 %", "0.025 %"]);
-    }
-
-    #[test]
-    fn lengths_have_four_digits_whatever_the_unit() {
-        let texts = [0.0, 0.000_123_456, 0.519, 12.345_6, -3.241_59, 98_765.4].map(length);
-        assert_eq!(texts, ["0", "0.0001235", "0.5190", "12.35", "-3.242", "98765"]);
     }
 }

@@ -141,7 +141,8 @@ impl<'a> Exports<'a> {
             self.write_for_programs(&view, &neighbours[view.number])?;
             Ok(loaded.map.camera)
         };
-        for_all_views(self.maps.len(), write, on_event)
+        let total = self.maps.len();
+        for_all_views(total, write, &mut |done| on_event(Event::Export { done, total }))
     }
 
     fn write_for_programs(&self, view: &ExportedView, neighbours: &[usize]) -> Result<(), VamvsError> {
@@ -176,18 +177,18 @@ impl<'a> ExportedView<'a> {
     }
 }
 
-/// Runs `work` for all views, as many at a time as there are threads.
-fn for_all_views<T: Send>(
+/// Runs `work` for all views, as many at a time as there are threads; tells how many are done.
+pub(crate) fn for_all_views<T: Send>(
     count: usize,
     work: impl Fn(usize) -> Result<T, VamvsError> + Sync,
-    on_event: &mut dyn FnMut(Event),
+    on_done: &mut dyn FnMut(usize),
 ) -> Result<Vec<T>, VamvsError> {
     let mut results = Vec::with_capacity(count);
     let views: Vec<usize> = (0..count).collect();
     for batch in views.chunks(rayon::current_num_threads()) {
         let done: Result<Vec<T>, VamvsError> = batch.par_iter().map(|&view| work(view)).collect();
         results.extend(done?);
-        on_event(Event::Export { done: results.len(), total: count });
+        on_done(results.len());
     }
     Ok(results)
 }

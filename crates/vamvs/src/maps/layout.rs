@@ -36,6 +36,14 @@ impl Layout {
         }
     }
 
+    /// The folder if it is one of ours.
+    pub(super) fn own(&self) -> Option<&OutputFolder> {
+        match self {
+            Self::Vamvs(folder) => Some(folder),
+            Self::Colmap(_) | Self::Network(_) => None,
+        }
+    }
+
     pub(super) fn root(&self) -> &Path {
         match self {
             Self::Vamvs(folder) => folder.root(),

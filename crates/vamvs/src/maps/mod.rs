@@ -12,16 +12,16 @@ use vamvs_io::masks::{self, Masks};
 use vamvs_io::ply::Coordinates;
 use vamvs_io::{image, pfm};
 
-use crate::output::names;
-use crate::{Event, VamvsError};
+use crate::output::{Record, names};
+use crate::{Event, OutputFolder, VamvsError};
 use layout::Layout;
 
 /// Depth maps of the views of a scene.
 #[derive(Debug)]
 pub struct Maps {
     root: PathBuf,
-    /// Whether the folder is one of ours.
-    own: bool,
+    /// The folder if it is one of ours.
+    own: Option<OutputFolder>,
     scene: Scene,
     cameras: Vec<Pinhole>,
     names: Vec<String>,
@@ -68,7 +68,7 @@ impl Maps {
             return Err(VamvsError::Folder { path: layout.depths(), problem });
         }
         Ok(Self {
-            own: matches!(layout, Layout::Vamvs(_)),
+            own: layout.own().cloned(),
             root: layout.root().to_owned(),
             cameras: scene.views.iter().map(|view| pinhole(&view.camera, path)).collect::<Result<_, _>>()?,
             names: names(&scene.views),
@@ -93,13 +93,25 @@ impl Maps {
     /// Where a cloud of these depth maps goes: `fused.ply`, or `vamvs.ply` beside what other programs made.
     #[must_use]
     pub fn default_cloud(&self) -> PathBuf {
-        self.root.join(if self.own { "fused.ply" } else { "vamvs.ply" })
+        self.root.join(if self.own.is_some() { "fused.ply" } else { "vamvs.ply" })
     }
 
     /// The views' names, as [`names`] makes them.
     #[must_use]
     pub fn names(&self) -> &[String] {
         &self.names
+    }
+
+    /// A view's camera at the size of its image.
+    #[must_use]
+    pub fn camera(&self, view: usize) -> &Pinhole {
+        &self.cameras[view]
+    }
+
+    /// What made a view's depth map, if the folder is one of ours and tells.
+    #[must_use]
+    pub fn record(&self, view: usize) -> Option<Record> {
+        self.own.as_ref()?.saved(&self.names[view])
     }
 
     /// A view's pose, `cam_from_world`.

@@ -1,0 +1,37 @@
+//! `vamvs report`: a run on one page.
+
+use std::path::Path;
+
+use anyhow::Result;
+use vamvs::report::{self, FusionRecord};
+use vamvs::{FuseSummary, Maps};
+
+use crate::arguments::ReportArguments;
+use crate::progress::Progress;
+use crate::settings::Settings;
+
+/// Runs the command.
+pub fn run(arguments: &ReportArguments) -> Result<()> {
+    let progress = Progress::new(arguments.quiet);
+    let path = report::write(&arguments.out, &mut |event| progress.show(event));
+    progress.finish();
+    println!("{}", path?.display());
+    Ok(())
+}
+
+/// Keeps what a fusion did, and makes the page if it is `wanted`. A cloud outside of the folder of the depth
+/// maps changes neither.
+pub fn keep(
+    (maps, cloud, fused): (&Maps, &Path, &FuseSummary),
+    settings: &Settings,
+    wanted: bool,
+    progress: &Progress,
+) -> Result<()> {
+    let Some(record) = FusionRecord::of(maps, cloud, &settings.fusion, fused) else { return Ok(()) };
+    record.save(maps.root())?;
+    if wanted {
+        let path = report::write(maps.root(), &mut |event| progress.show(event))?;
+        progress.say(&format!("report {}", path.display()));
+    }
+    Ok(())
+}

@@ -1,0 +1,170 @@
+//! `report.html`: a run on one page, made of nothing but what is in its output folder.
+//!
+//! The page holds the cloud to be turned and walked through, and for each view its photograph, depth,
+//! confidence and what became of its pixels. It is the same for the same folder: no dates, no times.
+
+mod record;
+mod view;
+
+use std::path::{Path, PathBuf};
+
+use vamvs_fusion::{MapSource, ViewReport};
+use vamvs_io::masks::Masks;
+use vamvs_io::{IoError, ply};
+use vamvs_picture::number::{grouped, percent};
+use vamvs_picture::{CloudView, Legend, Page, Scale, Share, ShownCamera};
+
+use crate::{Event, Maps, VamvsError};
+pub use record::{FusedView, FusionRecord};
+use view::ViewPanel;
+
+/// The colours of [`ViewReport::fates`], variables of the page's style sheet.
+const COLOURS: [&str; 7] =
+    ["--lost-0", "--lost-1", "--lost-2", "--lost-3", "--lost-4", "--merged", "--points"];
+
+/// Makes the page of a folder of depth maps, `report.html` in it; gives its path.
+///
+/// # Errors
+/// If the folder holds no depth maps, a file is missing or malformed, or the page cannot be written.
+pub fn write(folder: &Path, on_event: &mut dyn FnMut(Event)) -> Result<PathBuf, VamvsError> {
+    let maps = Maps::open(folder, Masks::None, &mut |_| ())?;
+    let path = maps.root().join("report.html");
+    Report::open(&maps)?.page(on_event)?.save(&path)?;
+    Ok(path)
+}
+
+/// What the page is made of.
+struct Report<'a> {
+    maps: &'a Maps,
+    fusion: Option<FusionRecord>,
+    /// `run.toml`, if there is one.
+    settings: Option<String>,
+}
+
+impl<'a> Report<'a> {
+    fn open(maps: &'a Maps) -> Result<Self, VamvsError> {
+        let settings = maps.root().join("run.toml");
+        let read = |source| IoError::System { action: "read", path: settings.clone(), source };
+        let text = settings.is_file().then(|| std::fs::read_to_string(&settings).map_err(read));
+        Ok(Self { maps, fusion: FusionRecord::load(maps.root())?, settings: text.transpose()? })
+    }
+
+    fn page(&self, on_event: &mut dyn FnMut(Event)) -> Result<Page, VamvsError> {
+        let mut page = Page::new(&self.title(), &self.lead());
+        self.totals(&mut page);
+        self.cloud(&mut page)?;
+        self.views(&mut page, on_event)?;
+        self.fates(&mut page);
+        self.settings(&mut page);
+        Ok(page)
+    }
+
+    /// The folder's name.
+    fn title(&self) -> String {
+        let root = self.maps.root();
+        let whole = root.canonicalize().unwrap_or_else(|_| root.to_owned());
+        whole.file_name().map_or_else(|| "Depth maps".to_owned(), |name| name.to_string_lossy().into_owned())
+    }
+
+    fn lead(&self) -> String {
+        let views = self.maps.len();
+        let done = match &self.fusion {
+            Some(fusion) => format!("{views} depth maps, fused into {}", fusion.cloud),
+            None => format!("{views} depth maps, not fused yet"),
+        };
+        format!("{done}. vamvs {}", env!("CARGO_PKG_VERSION"))
+    }
+
+    fn totals(&self, page: &mut Page) {
+        let mut figures = vec![(self.maps.len().to_string(), "depth maps")];
+        if let Some(fusion) = &self.fusion {
+            let total = fusion.total();
+            figures.push((grouped(total.points), "points"));
+            figures.push((grouped(total.pixels), "pixels"));
+            figures.push((percent(total.kept(), 1), "of them passed all filters"));
+        }
+        page.figures(&figures);
+        if let Some(fusion) = &self.fusion {
+            let shares = shares(&fusion.total());
+            page.bar(&shares);
+            page.key(&shares);
+        }
+    }
+
+    fn cloud(&self, page: &mut Page) -> Result<(), VamvsError> {
+        page.heading(if self.fusion.is_some() { "The cloud" } else { "Cameras" });
+        let file = self.fusion.as_ref().map(|fusion| fusion.cloud(self.maps.root()));
+        let cloud = file.map(|file| ply::read(&file)).transpose()?;
+        let camera = |view: usize| ShownCamera {
+            name: self.maps.names()[view].clone(),
+            camera: *self.maps.camera(view),
+            cam_from_world: *self.maps.pose(view),
+        };
+        let cameras = (0..self.maps.len()).map(camera).collect();
+        let view = CloudView::new(cloud.as_deref().unwrap_or_default(), cameras);
+        if cloud.is_some() {
+            page.cloud(&view);
+        }
+        page.floor_plan(&view);
+        Ok(())
+    }
+
+    fn views(&self, page: &mut Page, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
+        page.heading("Views");
+        page.legends(&[
+            legend("depth, each view by itself", Scale::Turbo, "near", "far; grey: none"),
+            legend("confidence", Scale::Confidence, "0", "1"),
+        ]);
+        page.begin_panels();
+        let total = self.maps.len();
+        let panels =
+            crate::export::for_all_views(total, |view| ViewPanel::load(self.maps, view), &mut |done| {
+                on_event(Event::Report { done, total })
+            })?;
+        for panel in &panels {
+            panel.add_to(page, self.fusion.as_ref().and_then(|fusion| fusion.pixels(panel.name())));
+        }
+        page.end_panels();
+        Ok(())
+    }
+
+    fn fates(&self, page: &mut Page) {
+        let Some(fusion) = &self.fusion else { return };
+        page.heading("What became of the pixels");
+        let fates = ViewReport::default().fates();
+        let head: Vec<&str> = ["view", "pixels"].into_iter().chain(fates.iter().map(|fate| fate.0)).collect();
+        let row = |name: &str, pixels: &ViewReport| {
+            let counts = pixels.fates().map(|(_, count)| grouped(count));
+            [vec![name.to_owned(), grouped(pixels.pixels)], counts.to_vec()].concat()
+        };
+        let mut rows = vec![row("all views", &fusion.total())];
+        rows.extend(fusion.views.iter().map(|fused| row(&fused.view, &fused.pixels)));
+        page.table(&head, &rows);
+        page.paragraph("Each pixel is counted once, by the first filter that took it.");
+    }
+
+    fn settings(&self, page: &mut Page) {
+        page.heading("Settings");
+        if let Some(fusion) = &self.fusion {
+            let options = serde_json::to_string_pretty(&fusion.options).expect("options are plain data");
+            page.details("Fusion, as it was done last", |page| page.verbatim(&options));
+        }
+        match &self.settings {
+            Some(text) => {
+                page.details("The run that made the depth maps: run.toml", |page| page.verbatim(text))
+            }
+            None => page.paragraph("There is no run.toml that tells how the depth maps were made."),
+        }
+    }
+}
+
+/// What became of pixels, as shares.
+fn shares(pixels: &ViewReport) -> Vec<Share> {
+    let share = |count: u64| count as f64 / pixels.pixels.max(1) as f64;
+    let fates = pixels.fates().into_iter().zip(COLOURS);
+    fates.map(|((what, count), colour)| Share { what, colour, share: share(count) }).collect()
+}
+
+fn legend(what: &'static str, scale: Scale, low: &str, high: &str) -> Legend {
+    Legend { what, scale, low: low.to_owned(), high: high.to_owned() }
+}

@@ -1,0 +1,85 @@
+//! What a fusion did, kept in the output folder: `fusion.json`.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use vamvs_fusion::ViewReport;
+
+use crate::output::{read_json, write_json};
+use crate::{FuseSummary, FusionOptions, Maps, VamvsError};
+
+/// The file's name.
+pub(super) const FILE: &str = "fusion.json";
+
+/// What the last fusion into the folder did.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FusionRecord {
+    /// The cloud's file name in the folder.
+    pub cloud: String,
+    /// How it was made.
+    pub options: FusionOptions,
+    /// What became of the pixels of each view.
+    pub views: Vec<FusedView>,
+}
+
+/// What became of a view's pixels.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FusedView {
+    /// The view's name.
+    pub view: String,
+    /// Its pixels.
+    pub pixels: ViewReport,
+}
+
+impl FusionRecord {
+    /// The record of a fusion into `cloud`; `None` if that is not in the folder of the depth maps, which then
+    /// goes on to tell of its own cloud.
+    #[must_use]
+    pub fn of(maps: &Maps, cloud: &Path, options: &FusionOptions, fused: &FuseSummary) -> Option<Self> {
+        let folder = cloud.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let same = folder.canonicalize().ok()? == maps.root().canonicalize().ok()?;
+        let view = |(view, pixels): &(String, ViewReport)| FusedView { view: view.clone(), pixels: *pixels };
+        same.then(|| Self {
+            cloud: cloud.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            options: options.clone(),
+            views: fused.views.iter().map(view).collect(),
+        })
+    }
+
+    /// Writes it into a folder.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn save(&self, folder: &Path) -> Result<(), VamvsError> {
+        write_json(&folder.join(FILE), self)
+    }
+
+    /// Reads it from a folder; `None` if nothing was fused there.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or is none of ours.
+    pub fn load(folder: &Path) -> Result<Option<Self>, VamvsError> {
+        let path = folder.join(FILE);
+        if path.is_file() { read_json(&path).map(Some) } else { Ok(None) }
+    }
+
+    /// What became of all pixels.
+    #[must_use]
+    pub fn total(&self) -> ViewReport {
+        let mut total = ViewReport::default();
+        self.views.iter().for_each(|view| total += view.pixels);
+        total
+    }
+
+    /// What became of a view's pixels, if it took part.
+    #[must_use]
+    pub fn pixels(&self, view: &str) -> Option<&ViewReport> {
+        self.views.iter().find(|fused| fused.view == view).map(|fused| &fused.pixels)
+    }
+
+    /// The cloud's file.
+    #[must_use]
+    pub fn cloud(&self, folder: &Path) -> PathBuf {
+        folder.join(&self.cloud)
+    }
+}

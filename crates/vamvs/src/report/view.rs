@@ -1,0 +1,97 @@
+//! A view on the page: photograph, depth, confidence, and what was chosen for it.
+
+use vamvs_core::{Grid, Rgb};
+use vamvs_core::{Planes, Size, Spacing};
+use vamvs_fusion::{FusionView, MapSource, ViewReport};
+use vamvs_io::image;
+use vamvs_picture::map::{spread, valid};
+use vamvs_picture::number::length;
+use vamvs_picture::{Page, Picture, Scale, panel};
+
+use super::shares;
+use crate::output::Record;
+use crate::{Maps, VamvsError};
+
+/// Width of a picture, pixels.
+const WIDTH: usize = 320;
+
+/// A view ready to be shown.
+pub(super) struct ViewPanel {
+    name: String,
+    size: Size,
+    photograph: Picture,
+    depth: Picture,
+    /// The depths at the ends of the scale.
+    depths: (f32, f32),
+    confidence: Picture,
+    record: Option<Record>,
+}
+
+impl ViewPanel {
+    pub fn load(maps: &Maps, view: usize) -> Result<Self, VamvsError> {
+        let FusionView { map, colour, .. } = maps.load(view)?;
+        let depth = valid(&map.depth);
+        let depths = spread(&depth);
+        let confidence = map.confidence.map(|&confidence| Some(confidence));
+        Ok(Self {
+            name: maps.names()[view].clone(),
+            size: map.depth.size(),
+            photograph: small(&colour),
+            depth: small(&Scale::Turbo.paint(&depth, depths.0, depths.1)),
+            depths,
+            confidence: small(&Scale::Confidence.paint(&confidence, 0.0, 1.0)),
+            record: maps.record(view),
+        })
+    }
+
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Adds the panel, with what became of its pixels if it was fused.
+    pub fn add_to(&self, page: &mut Page, pixels: Option<&ViewReport>) {
+        page.panel(&self.name, |page| {
+            let (near, far) = (length(self.depths.0.into()), length(self.depths.1.into()));
+            let depth = format!("depth {near} to {far}");
+            page.trio(
+                &self.name,
+                &[(&self.photograph, "photograph"), (&self.depth, &depth), (&self.confidence, "confidence")],
+            );
+            if let Some(pixels) = pixels {
+                let shares = shares(pixels);
+                page.bar(&shares);
+                page.key(&shares.into_iter().filter(|share| share.share > 0.0).collect::<Vec<_>>());
+            }
+            page.details("how it was made", |page| page.paragraph(&self.made()));
+        });
+    }
+
+    /// What was chosen for the view, as far as its record tells.
+    fn made(&self) -> String {
+        let mut made = vec![format!("{} pixels", self.size)];
+        if let Some(Record { planes, sources, .. }) = &self.record {
+            made.extend(planes.as_ref().map(planes_in_words));
+            if !sources.is_empty() {
+                made.push(format!("compared with {}", sources.join(", ")));
+            }
+        }
+        made.join("; ")
+    }
+}
+
+fn planes_in_words(planes: &Planes) -> String {
+    let spacing = match planes.spacing {
+        Spacing::Depth => "depth",
+        Spacing::InverseDepth => "inverse depth",
+    };
+    let (near, far) = (length(planes.range.near), length(planes.range.far));
+    format!("{} planes from {near} to {far}, equal steps of {spacing}", planes.count)
+}
+
+/// A small picture; one that is small already stays as it is.
+fn small(pixels: &Grid<Rgb>) -> Picture {
+    if pixels.width() <= WIDTH {
+        return Picture::small(pixels);
+    }
+    Picture::small(&image::resize(pixels, panel::of_width(pixels.size(), WIDTH)))
+}
