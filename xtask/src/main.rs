@@ -9,6 +9,7 @@ mod maps;
 mod picture;
 mod pip;
 mod real;
+mod report_check;
 mod setup;
 mod step;
 mod test;
@@ -29,6 +30,7 @@ enum Command {
     Picture(picture::Picture),
     Real(real::Real),
     Bench(bench::Bench),
+    ReportCheck(report_check::ReportCheck),
     Test(test::Test),
 }
 
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
         Command::Picture(picture) => picture.run(),
         Command::Real(real) => real.run(),
         Command::Bench(bench) => bench.run(),
+        Command::ReportCheck(check) => check.run(),
         Command::Test(test) => test.run(),
     };
     if let Err(error) = &done {
