@@ -1,13 +1,13 @@
-// Put into a page to see, a while after it is loaded, what is on its canvas; tells it in a script element.
+// Put into a page to see, once it is loaded, what is on its canvas; tells it in a script element.
 (() => {
   const errors = [];
   window.addEventListener("error", (event) => errors.push(String(event.message)));
   window.addEventListener("unhandledrejection", (event) => errors.push(String(event.reason)));
-  window.addEventListener("load", () => setTimeout(() => {
+  window.addEventListener("load", () => {
     // The page draws when the window changes; its pixels are there until the end of that frame.
     window.dispatchEvent(new Event("resize"));
     requestAnimationFrame(() => tell(share(document.querySelector("canvas"))));
-  }, 500));
+  });
 
   function share(canvas) {
     if (!canvas) return null;
