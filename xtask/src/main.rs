@@ -10,6 +10,7 @@ mod picture;
 mod pip;
 mod real;
 mod score;
+mod report_check;
 mod setup;
 mod step;
 mod stress;
@@ -33,6 +34,7 @@ enum Command {
     Score(score::Score),
     Bench(bench::Bench),
     Stress(stress::Stress),
+    ReportCheck(report_check::ReportCheck),
     Test(test::Test),
 }
 
@@ -45,6 +47,7 @@ fn main() -> ExitCode {
         Command::Score(score) => score.run(),
         Command::Bench(bench) => bench.run(),
         Command::Stress(stress) => stress.run(),
+        Command::ReportCheck(check) => check.run(),
         Command::Test(test) => test.run(),
     };
     if let Err(error) = &done {

@@ -83,7 +83,8 @@ impl Axis {
     }
 }
 
-fn parse_size(text: &str) -> Result<Size> {
+/// A size as people type it.
+pub fn parse_size(text: &str) -> Result<Size> {
     let (width, height) = text.split_once('x').context("expected WIDTHxHEIGHT, such as 1280x960")?;
     let side = |text: &str| match text.parse() {
         Ok(side @ 16..=8192) => Ok(side),

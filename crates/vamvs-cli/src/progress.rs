@@ -42,6 +42,7 @@ impl Progress {
     }
 
     /// A line about what was chosen, for those who want to know.
+    #[cfg(feature = "net")]
     pub fn explain(&self, line: &str) {
         if self.verbose {
             self.say(line);

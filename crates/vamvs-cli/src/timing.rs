@@ -39,15 +39,13 @@ impl Timing {
             let name = format!("{stage:?}").to_lowercase();
             self.add(&format!("network: {name}"), summary.profile.spent(stage));
         }
-        self.add("writing", summary.writing);
+        self.add("writing maps", summary.writing);
     }
 
     /// Adds the steps of fusing.
     pub fn add_fusion(&mut self, summary: &FuseSummary) {
         self.add("fusion", summary.fusing);
-        if summary.exporting > Duration::ZERO {
-            self.add("export", summary.exporting);
-        }
+        self.add("cloud and exports", summary.exporting);
     }
 
     /// Says the steps, and the time since the beginning.

@@ -1,11 +1,11 @@
 // Points are round.
 precision mediump float;
 
-uniform int look;
+uniform bool round;       // of points, not of lines
 varying vec3 shade;
 
 void main() {
   vec2 place = gl_PointCoord - 0.5;
-  if (look < 4 && dot(place, place) > 0.25) discard;
+  if (round && dot(place, place) > 0.25) discard;
   gl_FragColor = vec4(shade, 1.0);
 }

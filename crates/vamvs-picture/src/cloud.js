@@ -134,7 +134,7 @@
     gl.uniform1f(uniform("span"), eye.span);
     gl.uniform2f(uniform("lens"), 1 / width, 1 / height);
     gl.uniform2f(uniform("clip"), 0.01 * eye.span, eye.span + 20);
-    const size = 2 * data.radius * 2 ** Number(form.size.value);
+    const size = 1.4 * data.radius * 2 ** Number(form.size.value);
     gl.uniform1f(uniform("reach"), (size * 0.5 * canvas.height) / height);
   }
   function drawPoints() {
@@ -150,6 +150,7 @@
     gl.uniform3fv(uniform("scale"), data.extent);
     gl.uniform3fv(uniform("shift"), scaled(data.extent, -0.5));
     gl.uniform1i(uniform("look"), Number(form.look.value));
+    gl.uniform1i(uniform("round"), 1);
     gl.drawArrays(gl.POINTS, 0, data.count);
   }
   function drawPyramids() {
@@ -159,6 +160,7 @@
     gl.uniform3f(uniform("scale"), 1, 1, 1);
     gl.uniform3f(uniform("shift"), 0, 0, 0);
     gl.uniform1i(uniform("look"), LINES);
+    gl.uniform1i(uniform("round"), 0);
     const hex = getComputedStyle(canvas).getPropertyValue("--accent").trim();
     gl.uniform3fv(uniform("line"), [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255));
     gl.drawArrays(gl.LINES, 0, pyramidCount);

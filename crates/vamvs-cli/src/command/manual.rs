@@ -26,19 +26,17 @@ pub fn run(arguments: &ManArguments) -> Result<()> {
         Some(folder) => {
             std::fs::create_dir_all(folder)
                 .with_context(|| format!("{} cannot be made", folder.display()))?;
-            save(&command, "vamvs", folder)
+            save(&command, folder)
         }
     }
 }
 
-/// Writes the pages of a command and of those below it, `NAME.1`.
-fn save(command: &clap::Command, name: &str, folder: &Path) -> Result<()> {
-    let text = page(&command.clone().name(name.to_owned()))?;
+/// Writes the pages of a command and of those below it, each named as `vamvs-eval-cloud.1`.
+fn save(command: &clap::Command, folder: &Path) -> Result<()> {
+    let (name, text) = (command.get_display_name().unwrap_or("vamvs"), page(command)?);
     atomic::write(&folder.join(format!("{name}.1")), |out| out.write_all(&text))?;
-    let commands = command.get_subcommands().filter(|command| command.get_name() != "help");
-    commands
-        .into_iter()
-        .try_for_each(|command| save(command, &format!("{name}-{}", command.get_name()), folder))
+    let mut commands = command.get_subcommands().filter(|command| command.get_name() != "help");
+    commands.try_for_each(|command| save(command, folder))
 }
 
 fn page(command: &clap::Command) -> Result<Vec<u8>> {

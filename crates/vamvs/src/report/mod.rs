@@ -119,7 +119,7 @@ impl<'a> Report<'a> {
         let total = self.maps.len();
         let panels =
             crate::export::for_all_views(total, |view| ViewPanel::load(self.maps, view), &mut |done| {
-                on_event(Event::Report { done, total })
+                on_event(Event::Report { done, total });
             })?;
         for panel in &panels {
             panel.add_to(page, self.fusion.as_ref().and_then(|fusion| fusion.pixels(panel.name())));
@@ -151,7 +151,7 @@ impl<'a> Report<'a> {
         }
         match &self.settings {
             Some(text) => {
-                page.details("The run that made the depth maps: run.toml", |page| page.verbatim(text))
+                page.details("The run that made the depth maps: run.toml", |page| page.verbatim(text));
             }
             None => page.paragraph("There is no run.toml that tells how the depth maps were made."),
         }
