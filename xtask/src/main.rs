@@ -12,6 +12,7 @@ mod real;
 mod score;
 mod setup;
 mod step;
+mod stress;
 mod test;
 mod unpack;
 mod vamvs;
@@ -31,6 +32,7 @@ enum Command {
     Real(real::Real),
     Score(score::Score),
     Bench(bench::Bench),
+    Stress(stress::Stress),
     Test(test::Test),
 }
 
@@ -42,6 +44,7 @@ fn main() -> ExitCode {
         Command::Real(real) => real.run(),
         Command::Score(score) => score.run(),
         Command::Bench(bench) => bench.run(),
+        Command::Stress(stress) => stress.run(),
         Command::Test(test) => test.run(),
     };
     if let Err(error) = &done {

@@ -82,7 +82,7 @@ fn told<T: DeserializeOwned>(command: &mut Command) -> Result<T> {
 }
 
 /// The release build, beside the build that this program is of.
-fn binary() -> Result<PathBuf> {
+pub fn binary() -> Result<PathBuf> {
     let this = std::env::current_exe().context("where is this program?")?;
     let target = this.ancestors().nth(2).context("this program is not in a target folder")?;
     Ok(target.join("release").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX)))

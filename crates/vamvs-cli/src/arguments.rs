@@ -11,6 +11,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde::{Deserialize, Serialize};
+use vamvs::MemoryLimit;
 
 #[cfg(feature = "net")]
 pub use calibrate::CalibrateArguments;
@@ -366,6 +367,10 @@ pub struct CommonFlags {
     /// Threads [default: one a core].
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
+    /// The most memory to take, such as 2GiB, 500MB or 50% of the machine's; results do not depend on it
+    /// [default: 70%].
+    #[arg(long, value_name = "SIZE")]
+    pub max_memory: Option<MemoryLimit>,
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,

@@ -76,6 +76,8 @@ impl Settings {
             }
         };
         set(&mut settings.threads, common.threads.map(Some));
+        set(&mut settings.depth.max_memory, common.max_memory);
+        set(&mut settings.fusion.max_memory, common.max_memory);
         Ok(settings)
     }
 

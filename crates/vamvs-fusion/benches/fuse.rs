@@ -18,7 +18,7 @@ fn fusion(criterion: &mut Criterion) {
         neighbours: &neighbours,
         options: &options,
         roi: None,
-        cache_bytes: usize::MAX / 2,
+        memory: usize::MAX / 2,
     };
     let mut group = criterion.benchmark_group("fuse");
     group.sample_size(10).throughput(Throughput::Elements((views.len() * size.area()) as u64));

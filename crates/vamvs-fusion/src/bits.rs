@@ -3,7 +3,7 @@
 use vamvs_core::Size;
 
 /// A raster of bits; each row begins with a new word, so that rows can be written in parallel.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct BitGrid {
     words_per_row: usize,
     words: Vec<u64>,
@@ -19,6 +19,11 @@ impl BitGrid {
     /// Whether the bit of `(x, y)` is 1.
     pub fn get(&self, x: usize, y: usize) -> bool {
         self.words[y * self.words_per_row + x / 64] >> (x % 64) & 1 == 1
+    }
+
+    /// Bytes held in memory.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.words[..])
     }
 
     /// The words of each row; bit x is bit x mod 64 of word x / 64.

@@ -7,6 +7,7 @@ use vamvs_core::{Cloud, Roi};
 use crate::cache::ViewCache;
 use crate::geometric::{Kept, Pair, keep};
 use crate::merge::{Merger, Other};
+use crate::order::by_neighbourhood;
 use crate::photometric::FilteredView;
 use crate::priority::Ranking;
 use crate::{BoxError, FuseError, FuseOptions, FuseReport, FusedPoints, MapSource, ViewReport};
@@ -22,10 +23,14 @@ pub struct FuseJob<'a, S: ?Sized> {
     pub options: &'a FuseOptions,
     /// Where points are wanted; `None` for everywhere.
     pub roi: Option<Roi>,
-    /// Bytes of depth maps to keep in memory, 11 a pixel. A view and its neighbours are held together
-    /// even if that takes more.
-    pub cache_bytes: usize,
+    /// Memory to work in, bytes: for depth maps at 11 a pixel, for what it takes to load them, and for one
+    /// bit of each pixel of all views. A view and its neighbours are held together even if that takes more;
+    /// [`FuseReport::memory`] tells.
+    pub memory: usize,
 }
+
+/// Where points go.
+type Sink<'a> = dyn FnMut(&FusedPoints) -> Result<(), BoxError> + 'a;
 
 /// How far a fusion is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,30 +51,31 @@ pub enum FuseEvent {
     },
 }
 
-/// Fuses depth maps; the points go to `sink` view by view, in the order of the views and their pixels.
+/// Fuses depth maps; the points go to `sink` view by view, those of a view in the order of its pixels and in
+/// one or more batches. The order of the views follows from the neighbours alone.
 ///
 /// # Errors
 /// If an option or a neighbour makes no sense, a view cannot be loaded or does not fit together, or
 /// `sink` fails.
 pub fn fuse<S: MapSource + ?Sized>(
     job: &FuseJob<'_, S>,
-    sink: &mut dyn FnMut(&FusedPoints) -> Result<(), BoxError>,
+    sink: &mut Sink<'_>,
     on_event: &mut dyn FnMut(FuseEvent),
 ) -> Result<FuseReport, FuseError> {
     job.options.validate()?;
     let neighbours = checked_neighbours(job.neighbours, job.source.len())?;
-    let mut cache = ViewCache::new(job.source, job.options, job.cache_bytes);
-    let kept = filter_views(job, &neighbours, &mut cache, on_event)?;
+    let mutual = mutual(&neighbours);
+    let order = by_neighbourhood(&mutual);
+    let mut cache = ViewCache::new(job.source, job.options, job.memory);
+    let kept = filter_views(job, (&neighbours, &order), &mut cache, on_event)?;
     let mut merging = Merging { job, kept: &kept, unit: typical_footprint(&kept), cache: &mut cache };
-    let mut views = Vec::with_capacity(kept.len());
-    for (view, others) in mutual(&neighbours).iter().enumerate() {
-        let fused = merging.points(view, others)?;
-        sink(&fused).map_err(FuseError::Sink)?;
-        let points = fused.points().len() as u64;
+    let mut views: Vec<_> = kept.iter().map(|kept| kept.report).collect();
+    for &view in order.iter().rev() {
+        let points = merging.merge(view, &mutual[view], sink)?;
         on_event(FuseEvent::Merged { view, points });
-        views.push(finished_report(&kept[view], points));
+        views[view] = finished_report(&kept[view], points);
     }
-    Ok(FuseReport { views })
+    Ok(FuseReport { views, memory: cache.most_bytes() as u64 })
 }
 
 /// Fuses depth maps into a cloud in memory.
@@ -116,19 +122,20 @@ fn ascending(mut views: Vec<usize>) -> Vec<usize> {
     views
 }
 
-/// The first pass.
+/// The first pass, over the views in the order given.
 fn filter_views<S: MapSource + ?Sized>(
     job: &FuseJob<'_, S>,
-    neighbours: &[Vec<usize>],
+    (neighbours, order): (&[Vec<usize>], &[usize]),
     cache: &mut ViewCache<'_, S>,
     on_event: &mut dyn FnMut(FuseEvent),
 ) -> Result<Vec<Kept>, FuseError> {
-    let mut all = Vec::with_capacity(neighbours.len());
-    for (view, sources) in neighbours.iter().enumerate() {
-        let (reference, pairs) = load_pairs(cache, view, sources, job.options)?;
+    let mut all: Vec<Kept> = neighbours.iter().map(|_| Kept::default()).collect();
+    for &view in order {
+        let (reference, pairs) = load_pairs(cache, view, &neighbours[view], job.options)?;
         let kept = keep(&reference, &pairs, job.options.min_views, job.roi.as_ref());
         on_event(FuseEvent::Filtered { view, kept: kept.count });
-        all.push(kept);
+        cache.set_aside(kept.bits.bytes());
+        all[view] = kept;
     }
     Ok(all)
 }
@@ -156,9 +163,10 @@ struct Merging<'a, 'c, S: ?Sized> {
 }
 
 impl<S: MapSource + ?Sized> Merging<'_, '_, S> {
-    fn points(&mut self, view: usize, others: &[usize]) -> Result<FusedPoints, FuseError> {
+    /// Gives the points that a view makes to `sink`, and tells their number.
+    fn merge(&mut self, view: usize, others: &[usize], sink: &mut Sink<'_>) -> Result<u64, FuseError> {
         if self.kept[view].count == 0 {
-            return Ok(FusedPoints::default());
+            return Ok(0);
         }
         let (reference, pairs) = load_pairs(self.cache, view, others, self.job.options)?;
         let other = |pair: Pair| Other {
@@ -173,7 +181,13 @@ impl<S: MapSource + ?Sized> Merging<'_, '_, S> {
             kept: &self.kept[view].bits,
             others: pairs.into_iter().map(other).collect(),
         };
-        Ok(merger.points())
+        let mut count = 0;
+        for rows in merger.batches() {
+            let fused = merger.points(rows);
+            count += fused.points().len() as u64;
+            sink(&fused).map_err(FuseError::Sink)?;
+        }
+        Ok(count)
     }
 }
 

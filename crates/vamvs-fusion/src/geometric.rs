@@ -105,6 +105,7 @@ impl Match {
 }
 
 /// What the filters left of a view.
+#[derive(Default)]
 pub(crate) struct Kept {
     /// The pixels that are kept.
     pub bits: BitGrid,

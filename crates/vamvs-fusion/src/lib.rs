@@ -5,7 +5,9 @@
 //! turns kept pixels into points: where several views keep the same place of a surface, the one that
 //! sees it in most detail makes the point, as the mean over all views that agree, and the others are
 //! merged into it. Both passes only read depth maps and the result of the pass before, so the cloud
-//! depends neither on the number of threads nor on how many maps fit into memory.
+//! depends neither on the number of threads nor on how many maps fit into memory. Views are visited in an
+//! order that keeps neighbours together, and in the second pass in the reverse order, so that few maps are
+//! loaded more than twice.
 //!
 //! This crate knows no file: depth maps come from a [`MapSource`], points go to a closure.
 
@@ -17,6 +19,7 @@ mod geometric;
 mod merge;
 mod normals;
 mod options;
+mod order;
 mod photometric;
 mod points;
 mod priority;

@@ -1,8 +1,10 @@
 //! From kept pixels to points, each place once (section 4.2.2).
 
+use std::ops::Range;
+
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
-use vamvs_core::{CloudPoint, Pose, Rgb};
+use vamvs_core::{CloudPoint, Pose, Rgb, Size};
 
 use crate::FusedPoints;
 use crate::bits::BitGrid;
@@ -10,6 +12,9 @@ use crate::geometric::{Match, Pair};
 use crate::normals::normal_in_cam;
 use crate::photometric::{FilteredView, centre};
 use crate::priority::Ranking;
+
+/// Pixels that become points at once, so that the points of a large view take little memory.
+const BATCH: usize = 1 << 18;
 
 /// A reference view with all views that may see the same places.
 pub(crate) struct Merger<'a> {
@@ -29,11 +34,17 @@ pub(crate) struct Other<'a> {
 }
 
 impl Merger<'_> {
-    /// The points that the reference view makes, in the order of its pixels.
-    pub fn points(&self) -> FusedPoints {
+    /// The rows of the reference view in parts of some [`BATCH`] pixels.
+    pub fn batches(&self) -> impl Iterator<Item = Range<usize>> {
+        let Size { width, height } = self.reference.size();
+        let rows = BATCH.div_ceil(width.max(1));
+        (0..height).step_by(rows).map(move |first| first..(first + rows).min(height))
+    }
+
+    /// The points that some rows of the reference view make, in the order of the pixels.
+    pub fn points(&self, rows: Range<usize>) -> FusedPoints {
         let world_from_cam = self.reference.cam_from_world.inverse();
-        let rows = (0..self.reference.size().height).into_par_iter();
-        let rows: Vec<FusedPoints> = rows.map(|y| self.row(y, &world_from_cam)).collect();
+        let rows: Vec<FusedPoints> = rows.into_par_iter().map(|y| self.row(y, &world_from_cam)).collect();
         let mut points = FusedPoints::default();
         rows.iter().for_each(|row| points.append(row));
         points

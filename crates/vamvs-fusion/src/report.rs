@@ -32,6 +32,8 @@ pub struct ViewReport {
 pub struct FuseReport {
     /// For each view.
     pub views: Vec<ViewReport>,
+    /// The most memory that depth maps and bits took at any time, bytes.
+    pub memory: u64,
 }
 
 impl FuseReport {

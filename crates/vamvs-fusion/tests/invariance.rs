@@ -25,29 +25,51 @@ fn noisy_views() -> Vec<FusionView> {
 }
 
 #[allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
-fn fused(views: &[FusionView], cache_bytes: usize) -> (Cloud, FuseReport) {
-    let neighbours = all_others(views.len());
+fn fused(views: &[FusionView], memory: usize) -> (Cloud, FuseReport) {
+    fused_with(views, &all_others(views.len()), memory)
+}
+
+#[allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+fn fused_with(views: &[FusionView], neighbours: &[Vec<usize>], memory: usize) -> (Cloud, FuseReport) {
     let options = FuseOptions::default();
     fuse_to_cloud(&FuseJob {
         source: views,
-        neighbours: &neighbours,
+        neighbours,
         options: &options,
         roi: None,
-        cache_bytes,
+        memory,
     })
     .unwrap()
 }
 
 #[test]
-fn threads_and_cache_do_not_change_a_bit() {
+fn threads_and_memory_do_not_change_a_bit() {
     let views = noisy_views();
-    let expected = fused(&views, usize::MAX / 2);
-    assert!(expected.0.len() > 1000);
-    for threads in [1, 3] {
+    // One view knows all others, the others those next to them, and none in the order of their numbers.
+    let neighbours = [vec![3, 5], vec![4, 2], vec![1, 5], vec![0, 1, 2, 4, 5], vec![1, 3], vec![0, 2]];
+    let unlimited = fused_with(&views, &neighbours, usize::MAX / 2);
+    assert!(unlimited.0.len() > 1000);
+    for threads in [1, 2, 4] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        for cache_bytes in [0, 4 * 11 * SIZE.area(), usize::MAX / 2] {
-            assert!(pool.install(|| fused(&views, cache_bytes)) == expected);
+        for views_in_memory in [0, 1, 4, 12, 30, 1000] {
+            let memory = views_in_memory * 11 * SIZE.area();
+            let (cloud, report) = pool.install(|| fused_with(&views, &neighbours, memory));
+            assert!(cloud == unlimited.0 && report.views == unlimited.1.views);
         }
+    }
+}
+
+/// A view and its neighbours, what it takes to load them and the bits must fit, and no more is taken.
+#[test]
+fn memory_that_suffices_is_not_exceeded() {
+    let views: Vec<_> = std::iter::repeat_n(noisy_views(), 5).flatten().collect();
+    let beside = |view: usize| [view.wrapping_sub(1), view + 1].into_iter().filter(|&v| v < 30).collect();
+    let neighbours: Vec<Vec<usize>> = (0..30).map(beside).collect();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    for views_in_memory in [12, 20, 28] {
+        let memory = views_in_memory * 11 * SIZE.area();
+        let (_, report) = pool.install(|| fused_with(&views, &neighbours, memory));
+        assert!(report.memory <= memory as u64, "{} of {memory}", report.memory);
     }
 }
 
@@ -102,19 +124,27 @@ fn points_come_view_by_view_and_events_tell_of_each() {
     let neighbours = all_others(views.len());
     let options = FuseOptions::default();
     let job =
-        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
-    let (mut batches, mut events) = (Vec::new(), Vec::new());
+        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, memory: 0 };
+    let (mut makers, mut events) = (Vec::new(), Vec::new());
     let mut sink = |fused: &FusedPoints| {
-        batches.push(fused.points().len() as u64);
+        makers.extend(fused.iter().map(|(_, views)| views[0] as usize));
         Ok(())
     };
     let report = fuse(&job, &mut sink, &mut |event| events.push(event)).unwrap();
-    let points: Vec<u64> = report.views.iter().map(|view| view.points).collect();
-    assert_eq!(batches, points);
-    let filtered = report.views.iter().enumerate();
-    let filtered = filtered.map(|(view, r)| FuseEvent::Filtered { view, kept: r.merged + r.points });
-    let merged = points.iter().enumerate().map(|(view, &points)| FuseEvent::Merged { view, points });
+    let points = |view: usize| report.views[view].points;
+    let view_of = |event: &FuseEvent| match *event {
+        FuseEvent::Filtered { view, .. } | FuseEvent::Merged { view, .. } => view,
+    };
+    let order: Vec<usize> = events[..6].iter().map(view_of).collect();
+    let filtered = order.iter().map(|&view| {
+        let report = report.views[view];
+        FuseEvent::Filtered { view, kept: report.merged + report.points }
+    });
+    let backwards = || order.iter().rev().copied();
+    let merged = backwards().map(|view| FuseEvent::Merged { view, points: points(view) });
     assert_eq!(events, filtered.chain(merged).collect::<Vec<_>>());
+    let expected = backwards().flat_map(|view| std::iter::repeat_n(view, points(view) as usize));
+    assert_eq!(makers, expected.collect::<Vec<_>>());
 }
 
 #[test]
@@ -123,7 +153,7 @@ fn a_sink_that_fails_stops_the_fusion() {
     let neighbours = all_others(views.len());
     let options = FuseOptions::default();
     let job =
-        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
+        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, memory: 0 };
     let mut calls = 0;
     let mut sink = |_: &FusedPoints| {
         calls += 1;

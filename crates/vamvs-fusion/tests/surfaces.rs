@@ -16,7 +16,7 @@ const DISTANCE: f64 = 4.0;
 #[allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 fn fuse(views: &[FusionView], options: &FuseOptions, roi: Option<Roi>) -> (Cloud, FuseReport) {
     let neighbours = all_others(views.len());
-    fuse_to_cloud(&FuseJob { source: views, neighbours: &neighbours, options, roi, cache_bytes: 1 << 30 })
+    fuse_to_cloud(&FuseJob { source: views, neighbours: &neighbours, options, roi, memory: 1 << 30 })
         .unwrap()
 }
 
@@ -180,7 +180,7 @@ fn views_that_see_nothing_in_common_give_no_points() {
     let neighbours = vec![vec![1], vec![0], vec![]];
     let options = FuseOptions::default();
     let job =
-        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
+        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, memory: 0 };
     let (cloud, report) = fuse_to_cloud(&job).unwrap();
     assert!(cloud.is_empty());
     assert_eq!(report.total().inconsistent, 3 * SIZE.area() as u64, "one neighbour cannot make three views");
@@ -192,7 +192,7 @@ fn pixels_that_are_not_kept_swallow_no_points() {
     let neighbours = vec![vec![1], vec![0, 2, 3], vec![0, 1, 3], vec![0, 1, 2]];
     let options = FuseOptions::default();
     let job =
-        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
+        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, memory: 0 };
     let (_, report) = fuse_to_cloud(&job).unwrap();
     assert_eq!(report.views[0].inconsistent, SIZE.area() as u64, "one neighbour cannot make three views");
     assert!(report.views[1].merged < SIZE.area() as u64 / 20, "although view 0 would come first");

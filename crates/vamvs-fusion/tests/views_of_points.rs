@@ -16,7 +16,7 @@ fn every_view_of_a_point_sees_it_and_that_which_made_it_comes_first() {
     let views = views(Surface::SphereOnPlane, 5, SIZE, 4.0);
     let (options, neighbours) = (FuseOptions::default(), all_others(5));
     let job =
-        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, cache_bytes: 0 };
+        FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, memory: 0 };
     let mut batches: Vec<FusedPoints> = Vec::new();
     let mut sink = |fused: &FusedPoints| {
         batches.push(fused.clone());
@@ -24,10 +24,11 @@ fn every_view_of_a_point_sees_it_and_that_which_made_it_comes_first() {
     };
     fuse(&job, &mut sink, &mut |_| ()).unwrap();
     let mut count = 0;
-    for (maker, batch) in batches.iter().enumerate() {
+    for batch in &batches {
+        let maker = batch.iter().next().map(|(_, seen_by)| seen_by[0]);
         for (point, seen_by) in batch.iter() {
             count += 1;
-            assert_eq!((seen_by[0] as usize, seen_by.len()), (maker, usize::from(point.views)));
+            assert_eq!((Some(seen_by[0]), seen_by.len()), (maker, usize::from(point.views)));
             for &view in seen_by {
                 let map = &views[view as usize].map;
                 let x_in_cam = map.cam_from_world.transform(&point.x_in_world.into());

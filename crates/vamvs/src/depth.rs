@@ -1,10 +1,11 @@
 //! Depth maps of all views, kept in the output folder.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::time::Instant;
 
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Scene, Size};
+use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Scene, Size};
 use vamvs_io::image;
 use vamvs_net::{EncodedView, Estimator, Profile};
 
@@ -59,23 +60,26 @@ pub struct DepthJob<'a> {
 /// the same photographs, cameras, network and options, are left as they are.
 ///
 /// # Errors
-/// If a photograph cannot be read, a file cannot be written, or memory runs out. Depth maps finished
-/// until then stay.
+/// If no view has a depth map in the end, or a file cannot be written. Depth maps finished until then stay. A view
+/// whose photograph cannot be read, or for which memory does not suffice, not even at half the size, is left
+/// out and has no part in others.
 pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<DepthSummary, VamvsError> {
     let names = names(&job.scene.views);
     prepare(job)?;
-    let identity =
-        Identity::new(job.module, job.estimator.options(), job.options.max_size, job.scene, job.photographs)?;
+    let identity = Identity::new(job.module, job.estimator.options(), job.scene, job.photographs)?;
     let capacity = job.options.feature_cache_mib << 20;
-    let features = FeatureCache::new(job.scene, job.photographs, job.estimator.network(), capacity);
-    let mut run = Run { job, names, identity, features, summary: DepthSummary::default() };
+    let features = FeatureCache::new(job.scene, job.photographs.clone(), job.estimator.network(), capacity);
+    let mut run = Run {
+        job,
+        names,
+        identity,
+        features,
+        unusable: BTreeMap::new(),
+        left_out: BTreeSet::new(),
+        summary: DepthSummary::default(),
+    };
     run.views(on_event)?;
-    let (planned, names) = planned(job, &run.names);
-    let place = |view: &usize| planned.binary_search(view).ok();
-    let sources: Vec<_> =
-        planned.iter().map(|&view| job.plan.neighbours[view].iter().filter_map(place).collect()).collect();
-    job.output.write_pairs(&names, &sources)?;
-    Ok(run.summary)
+    run.finish()
 }
 
 /// Makes the output folder for the views that will have a depth map; [`estimate`] does it too.
@@ -101,7 +105,25 @@ struct Run<'a> {
     names: Vec<String>,
     identity: Identity,
     features: FeatureCache<'a>,
+    /// Views whose photographs cannot be used, with the reason.
+    unusable: BTreeMap<usize, String>,
+    left_out: BTreeSet<usize>,
     summary: DepthSummary,
+}
+
+/// What became of a view.
+enum Outcome {
+    Made,
+    Resumed,
+    /// Has no depth map, for this reason.
+    LeftOut(String),
+}
+
+/// A depth map with all that is saved of it.
+struct Made {
+    map: DepthMap,
+    colour: Grid<Rgb>,
+    record: Record,
 }
 
 impl Run<'_> {
@@ -110,62 +132,165 @@ impl Run<'_> {
         let mut done = 0;
         for (view, plan) in self.job.plan.views.iter().enumerate() {
             let name = self.job.scene.views[view].name.clone();
-            let plan = match plan {
-                Ok(plan) => plan,
-                Err(reason) => {
-                    on_event(Event::Warning(format!("{name} is left out: {reason}")));
-                    self.summary.skipped.push((name, reason.clone()));
-                    continue;
-                }
-            };
             let begin = Instant::now();
-            let resumed = self.view(view, plan, on_event)?;
-            done += 1;
+            let outcome = match plan {
+                Ok(plan) => self.view(view, plan, on_event)?,
+                Err(reason) => Outcome::LeftOut(reason.clone()),
+            };
+            done += usize::from(plan.is_ok());
+            if let Outcome::LeftOut(reason) = outcome {
+                self.leave_out(view, name, reason, on_event)?;
+                continue;
+            }
+            let resumed = matches!(outcome, Outcome::Resumed);
             on_event(Event::DepthMap { name, done, total, resumed, time: begin.elapsed() });
         }
         Ok(())
     }
 
-    /// Makes one depth map unless it is there; says whether it was.
+    /// Writes `pair.txt` of the views that have a depth map. That there are none is an error.
+    fn finish(self) -> Result<DepthSummary, VamvsError> {
+        let there: Vec<usize> = (0..self.names.len()).filter(|view| !self.left_out.contains(view)).collect();
+        if let (true, Some((name, reason))) = (there.is_empty(), self.summary.skipped.first()) {
+            return Err(VamvsError::Request(format!("no depth map could be made: {name}: {reason}")));
+        }
+        let names: Vec<&str> = there.iter().map(|&view| self.names[view].as_str()).collect();
+        let place = |view: &usize| there.binary_search(view).ok();
+        let neighbours = |&view: &usize| self.job.plan.neighbours[view].iter().filter_map(place).collect();
+        self.job.output.write_pairs(&names, &there.iter().map(neighbours).collect::<Vec<_>>())?;
+        Ok(self.summary)
+    }
+
+    fn leave_out(
+        &mut self,
+        view: usize,
+        name: String,
+        reason: String,
+        on_event: &mut dyn FnMut(Event),
+    ) -> Result<(), VamvsError> {
+        on_event(Event::Warning(format!("{name} is left out: {reason}")));
+        self.left_out.insert(view);
+        self.summary.skipped.push((name, reason));
+        self.job.output.discard(&self.names[view])
+    }
+
+    /// Makes one depth map unless it is there. Fails only if it cannot be saved.
     fn view(
         &mut self,
         view: usize,
         plan: &ViewPlan,
         on_event: &mut dyn FnMut(Event),
-    ) -> Result<bool, VamvsError> {
-        let record = self.record(view, plan);
-        let name = self.names[view].clone();
-        let is_there = |saved: Record| saved.made_of == record.made_of;
-        if !self.job.force && self.job.output.saved(&name).is_some_and(is_there) {
+    ) -> Result<Outcome, VamvsError> {
+        if self.is_there(view, &self.record(view, &self.usable(plan))) {
             self.summary.resumed += 1;
-            return Ok(true);
+            return Ok(Outcome::Resumed);
         }
         let mut profile = Profile::default();
-        let reference = self.features.get(view, &mut profile, on_event)?;
-        let sources = plan
-            .sources
-            .iter()
-            .map(|&source| self.features.get(source, &mut profile, on_event))
-            .collect::<Result<Vec<_>, _>>()?;
-        let region = plan
-            .region
-            .map(|region| rescaled(region, self.job.plan.cameras[view].size, reference.photo.camera.size));
-        let map = self.map(&reference, &sources, (&plan.planes, region), &mut profile)?;
+        let made = match self.make(view, plan, &mut profile, on_event) {
+            Err(error) if error.is_out_of_memory() => self.make_smaller(view, plan, &mut profile, on_event),
+            made => made,
+        };
+        let Made { map, colour, record } = match made {
+            Ok(made) => made,
+            Err(error) => return Ok(Outcome::LeftOut(error.in_full())),
+        };
+        if self.is_there(view, &record) {
+            self.summary.resumed += 1;
+            return Ok(Outcome::Resumed);
+        }
+        let saved = SavedMap { map: &map, range: plan.planes.range, colour: &colour };
+        self.job.output.save(&self.names[view], &saved, &record)?;
+        self.summary.made += 1;
+        self.summary.profile.add(&profile);
+        Ok(Outcome::Made)
+    }
+
+    /// Whether there is a depth map that was made of the same.
+    fn is_there(&self, view: usize, record: &Record) -> bool {
+        let saved = || self.job.output.saved(&self.names[view]);
+        !self.job.force && saved().is_some_and(|saved| saved.made_of == record.made_of)
+    }
+
+    /// The plan without source views that are known to be unusable.
+    fn usable(&self, plan: &ViewPlan) -> ViewPlan {
+        let mut usable = plan.clone();
+        usable.sources.retain(|source| !self.unusable.contains_key(source));
+        usable
+    }
+
+    /// Makes one depth map, with the source views that can be used.
+    fn make(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        profile: &mut Profile,
+        on_event: &mut dyn FnMut(Event),
+    ) -> Result<Made, VamvsError> {
+        let reference = self.encoded(view, profile, on_event)?;
+        let mut sources = Vec::with_capacity(plan.sources.len());
+        for &source in &plan.sources {
+            match self.encoded(source, profile, on_event) {
+                Ok(encoded) => sources.push(encoded),
+                Err(error) if error.is_out_of_memory() => return Err(error),
+                Err(_) => {} // It is told where its own turn comes.
+            }
+        }
+        if sources.is_empty() {
+            return Err(VamvsError::Request("none of its source views can be used".to_owned()));
+        }
+        let planned_size = self.job.plan.cameras[view].size;
+        let region = plan.region.map(|region| rescaled(region, planned_size, reference.photo.camera.size));
+        let map = self.map(&reference, &sources, (&plan.planes, region), profile)?;
         if region.is_none() {
             warn_of_range_ends(&self.job.scene.views[view].name, &map, &plan.planes, on_event);
         }
         let size = map.depth.size();
         let colour = image::resize(&whole_cells(&reference.photo.image, size), size);
-        let saved = SavedMap { map: &map, range: plan.planes.range, colour: &colour };
-        self.job.output.save(&name, &saved, &record)?;
-        self.summary.made += 1;
-        self.summary.profile.add(&profile);
-        Ok(false)
+        Ok(Made { map, colour, record: self.record(view, &self.usable(plan)) })
+    }
+
+    /// Makes one depth map of photographs of half the size, which take a quarter of the memory.
+    fn make_smaller(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        profile: &mut Profile,
+        on_event: &mut dyn FnMut(Event),
+    ) -> Result<Made, VamvsError> {
+        let half = self.features.photographs.max_size() / 2;
+        let name = &self.job.scene.views[view].name;
+        on_event(Event::Warning(format!("{name}: memory does not suffice; tried again at {half} pixels")));
+        self.features.clear();
+        let (scene, network) = (self.job.scene, self.job.estimator.network());
+        let smaller = FeatureCache::new(scene, self.job.photographs.reduced_to(half), network, 0);
+        let whole = std::mem::replace(&mut self.features, smaller);
+        let made = self.make(view, plan, profile, on_event);
+        self.features = whole;
+        made
+    }
+
+    /// A photograph's features. What cannot be read is not tried twice.
+    fn encoded(
+        &mut self,
+        view: usize,
+        profile: &mut Profile,
+        on_event: &mut dyn FnMut(Event),
+    ) -> Result<Rc<Encoded>, VamvsError> {
+        if let Some(reason) = self.unusable.get(&view) {
+            return Err(VamvsError::Request(reason.clone()));
+        }
+        let encoded = self.features.get(view, profile, on_event);
+        if let Err(error) = &encoded
+            && !error.is_out_of_memory()
+        {
+            self.unusable.insert(view, error.in_full());
+        }
+        encoded
     }
 
     fn record(&self, view: usize, plan: &ViewPlan) -> Record {
         Record {
-            made_of: self.identity.of(view, plan),
+            made_of: self.identity.of(view, plan, self.features.photographs.max_size()),
             planes: Some(plan.planes),
             sources: plan.sources.iter().map(|&source| self.names[source].clone()).collect(),
         }

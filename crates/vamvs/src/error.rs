@@ -37,6 +37,25 @@ pub enum VamvsError {
 }
 
 impl VamvsError {
+    /// Whether it is the memory that did not suffice.
+    #[must_use]
+    pub fn is_out_of_memory(&self) -> bool {
+        let causes = std::iter::successors(Some(self as &dyn std::error::Error), |error| error.source());
+        causes.map(|error| error.to_string().to_lowercase()).any(|text| {
+            // As libtorch says it of a GPU, of a processor, and of a processor under Windows.
+            ["cuda out of memory", "can't allocate memory", "not enough memory"].iter().any(|w| text.contains(w))
+        })
+    }
+
+    /// The error and its causes in one line.
+    #[must_use]
+    pub fn in_full(&self) -> String {
+        let causes = std::iter::successors(Some(self as &dyn std::error::Error), |error| error.source());
+        let mut texts: Vec<String> = causes.map(ToString::to_string).collect();
+        texts.dedup();
+        texts.join(": ")
+    }
+
     /// The same error, told of a view.
     #[must_use]
     pub fn of_view(self, name: &str) -> Self {

@@ -23,7 +23,7 @@ impl Encoded {
 /// Encodes photographs on demand and keeps the most recently used ones.
 pub struct FeatureCache<'a> {
     pub scene: &'a Scene,
-    pub photographs: &'a Photographs,
+    pub photographs: Photographs,
     pub network: &'a Network,
     /// Bytes to keep.
     pub capacity: usize,
@@ -35,7 +35,7 @@ pub struct FeatureCache<'a> {
 impl<'a> FeatureCache<'a> {
     pub fn new(
         scene: &'a Scene,
-        photographs: &'a Photographs,
+        photographs: Photographs,
         network: &'a Network,
         capacity: usize,
     ) -> Self {
@@ -65,6 +65,11 @@ impl<'a> FeatureCache<'a> {
             self.kept.push((view, Rc::new(encoded)));
         }
         Ok(Rc::clone(&self.kept[self.kept.len() - 1].1))
+    }
+
+    /// Gives up all features.
+    pub fn clear(&mut self) {
+        self.kept.clear();
     }
 
     fn encode(

@@ -2,10 +2,14 @@
 
 use std::path::Path;
 
-use vamvs_fusion::{FuseEvent, FuseJob, FuseReport, FusedPoints, MapSource, ViewReport};
+use vamvs_fusion::{FuseEvent, FuseJob, FusedPoints, MapSource, ViewReport};
 
 use crate::export::Exporter;
-use crate::{Event, ExportOptions, FusionOptions, Maps, VamvsError};
+use crate::memory::spelled;
+use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError};
+
+/// The part of the memory that is left for what nobody counts, as 1 over this.
+const SPARE: u64 = 10;
 
 /// What came out of a fusion.
 #[derive(Clone, Debug)]
@@ -20,7 +24,9 @@ impl FuseSummary {
     /// What became of all pixels.
     #[must_use]
     pub fn total(&self) -> ViewReport {
-        FuseReport { views: self.views.iter().map(|(_, report)| *report).collect() }.total()
+        let mut total = ViewReport::default();
+        self.views.iter().for_each(|(_, report)| total += *report);
+        total
     }
 }
 
@@ -37,12 +43,14 @@ pub fn fuse(
     on_event: &mut dyn FnMut(Event),
 ) -> Result<FuseSummary, VamvsError> {
     let neighbours = maps.neighbours(options.neighbours);
+    let mut exporter = Exporter::begin(maps, cloud, exports)?;
+    let memory = options.max_memory.left() - options.max_memory.left() / SPARE;
     let job = FuseJob {
         source: maps,
         neighbours: &neighbours,
         options: &options.filter,
         roi: options.roi,
-        cache_bytes: options.map_cache_mib << 20,
+        memory: memory as usize,
     };
     let total = 2 * maps.len();
     let mut done = 0;
@@ -50,12 +58,22 @@ pub fn fuse(
         done += 1;
         on_event(Event::Fusion { done, total });
     };
-    let mut exporter = Exporter::begin(maps, cloud, exports)?;
     let mut sink = |fused: &FusedPoints| Ok(exporter.push(fused)?);
     let report = vamvs_fusion::fuse(&job, &mut sink, &mut progress)?;
+    warn_of_memory(report.memory, memory, options.max_memory, on_event);
     let points = report.total().points;
     if points > 0 {
         exporter.finish(&neighbours, &options.filter, on_event)?;
     }
     Ok(FuseSummary { points, views: maps.names().iter().cloned().zip(report.views).collect() })
+}
+
+/// Tells of depth maps that took more than they should.
+fn warn_of_memory(taken: u64, given: u64, limit: MemoryLimit, on_event: &mut dyn FnMut(Event)) {
+    if taken > given {
+        on_event(Event::Warning(format!(
+            "fusion took {} more than the limit of {limit}: a depth map and its neighbours must be in memory at the same time (--max-memory, --neighbours)",
+            spelled(taken - given)
+        )));
+    }
 }

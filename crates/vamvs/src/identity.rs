@@ -23,23 +23,22 @@ impl Identity {
     pub fn new(
         module: &[u8],
         options: &EstimatorOptions,
-        max_size: usize,
         scene: &Scene,
         photographs: &Photographs,
     ) -> Result<Self, VamvsError> {
         use rayon::prelude::*;
         // Slabs and strips bound the memory and change nothing of the result.
         let common =
-            format!("{PIPELINE_VERSION} {} {:?} {max_size}", blake3::hash(module), options.iterations);
+            format!("{PIPELINE_VERSION} {} {:?}", blake3::hash(module), options.iterations);
         let views =
             scene.views.par_iter().map(|view| hash_view(view, photographs)).collect::<Result<_, _>>()?;
         Ok(Self { common, views })
     }
 
-    /// The hash of what makes the depth map of `view` by `plan`.
-    pub fn of(&self, view: usize, plan: &ViewPlan) -> String {
+    /// The hash of what makes the depth map of `view` by `plan`, of photographs reduced to `max_size` pixels.
+    pub fn of(&self, view: usize, plan: &ViewPlan, max_size: usize) -> String {
         let mut hasher = blake3::Hasher::new();
-        hasher.update(self.common.as_bytes());
+        hasher.update(format!("{} {max_size}", self.common).as_bytes());
         hasher.update(format!("{:?} {:?}", plan.planes, plan.region).as_bytes());
         for view in std::iter::once(view).chain(plan.sources.iter().copied()) {
             hasher.update(self.views[view].as_bytes());

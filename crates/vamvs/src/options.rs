@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 use vamvs_core::{DepthRange, Roi, Spacing};
 use vamvs_fusion::FuseOptions;
 
+use crate::MemoryLimit;
+
 /// How depth maps are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
@@ -24,8 +26,9 @@ pub struct DepthOptions {
     pub iterations: Option<usize>,
     /// Depth only inside this box of the world.
     pub roi: Option<Roi>,
-    /// Memory for the features of photographs that will be needed again, MiB.
-    pub feature_cache_mib: usize,
+    /// The most memory to take. What is left beside a depth map in the making keeps features of photographs
+    /// that will be needed again.
+    pub max_memory: MemoryLimit,
 }
 
 impl Default for DepthOptions {
@@ -39,7 +42,7 @@ impl Default for DepthOptions {
             depth_range: None,
             iterations: None,
             roi: None,
-            feature_cache_mib: 1024,
+            max_memory: MemoryLimit::default(),
         }
     }
 }
@@ -54,12 +57,17 @@ pub struct FusionOptions {
     pub neighbours: usize,
     /// Points only inside this box of the world.
     pub roi: Option<Roi>,
-    /// Memory for depth maps, MiB.
-    pub map_cache_mib: usize,
+    /// The most memory to take.
+    pub max_memory: MemoryLimit,
 }
 
 impl Default for FusionOptions {
     fn default() -> Self {
-        Self { filter: FuseOptions::default(), neighbours: 10, roi: None, map_cache_mib: 2048 }
+        Self {
+            filter: FuseOptions::default(),
+            neighbours: 10,
+            roi: None,
+            max_memory: MemoryLimit::default(),
+        }
     }
 }

@@ -198,6 +198,15 @@ impl OutputFolder {
         write_json(&self.record(name), record)
     }
 
+    /// Removes what there is of a view's depth map.
+    ///
+    /// # Errors
+    /// If a file cannot be removed.
+    pub fn discard(&self, name: &str) -> Result<(), VamvsError> {
+        let files = [self.record(name), self.depth(name), self.confidence(name), self.coarse_confidence(name)];
+        files.iter().chain(&[self.image(name), self.cam(name)]).try_for_each(|file| remove(file))
+    }
+
     /// The record of a view's depth map, if there is a complete one.
     #[must_use]
     pub fn saved(&self, name: &str) -> Option<Record> {

@@ -25,6 +25,18 @@ impl Photographs {
         Self { images: images.to_owned(), masks, max_size }
     }
 
+    /// The same photographs, reduced to `max_size` pixels on the longer side.
+    #[must_use]
+    pub fn reduced_to(&self, max_size: usize) -> Self {
+        Self { max_size, ..self.clone() }
+    }
+
+    /// Pixels on the longer side to which photographs are reduced.
+    #[must_use]
+    pub fn max_size(&self) -> usize {
+        self.max_size
+    }
+
     /// The folder of photographs.
     #[must_use]
     pub fn folder(&self) -> &Path {

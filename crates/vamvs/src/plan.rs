@@ -12,6 +12,9 @@ use crate::{DepthOptions, Photographs, VamvsError};
 /// Views that are remembered as neighbours of a view, of which fusion asks as many as it is told to.
 const NEIGHBOURS: usize = 30;
 
+/// The shortest side of a photograph that a network takes, pixels.
+const SHORTEST_SIDE: usize = 32;
+
 /// What will be done for one view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewPlan {
@@ -43,7 +46,9 @@ pub struct Plan {
 pub fn plan(scene: &Scene, photographs: &Photographs, options: &DepthOptions) -> Result<Plan, VamvsError> {
     check(options)?;
     let cameras = working_cameras(photographs, scene);
-    let selected = view_selection::select(scene, &cameras, NEIGHBOURS.max(options.views - 1));
+    let mut selected = view_selection::select(scene, &cameras, NEIGHBOURS.max(options.views - 1));
+    let is_large = |view: &usize| shorter_side(&cameras[*view]) >= SHORTEST_SIDE;
+    selected.iter_mut().for_each(|sources| sources.retain(is_large));
     let planner = Planner { scene, cameras: &cameras, options };
     let views: Vec<_> =
         selected.iter().enumerate().map(|(view, sources)| planner.view(view, sources)).collect();
@@ -51,6 +56,10 @@ pub fn plan(scene: &Scene, photographs: &Photographs, options: &DepthOptions) ->
         return Err(VamvsError::Request(reason));
     }
     Ok(Plan { cameras, views, neighbours: selected })
+}
+
+fn shorter_side(camera: &Pinhole) -> usize {
+    camera.size.width.min(camera.size.height)
 }
 
 fn check(options: &DepthOptions) -> Result<(), VamvsError> {
@@ -93,6 +102,12 @@ struct Planner<'a> {
 
 impl Planner<'_> {
     fn view(&self, view: usize, selected: &[usize]) -> Result<ViewPlan, String> {
+        if shorter_side(&self.cameras[view]) < SHORTEST_SIDE {
+            return Err(format!(
+                "its photograph has {} pixels, expected at least {SHORTEST_SIDE} on the shorter side",
+                self.cameras[view].size
+            ));
+        }
         let sources: Vec<_> = selected.iter().copied().take(self.options.views - 1).collect();
         if sources.is_empty() {
             return Err("no other view is known to see the same surfaces from aside".to_owned());
