@@ -68,7 +68,8 @@ impl Stress {
         let build = ["build", "--release", "-p", "vamvs-cli", "--no-default-features"];
         run("build", &mut cargo(&build))?;
         write_scene(&self.folder, self.views)?;
-        let settings = self.max_memory.iter().flat_map(|budget| self.threads.iter().map(move |&n| (budget, n)));
+        let settings =
+            self.max_memory.iter().flat_map(|budget| self.threads.iter().map(move |&n| (budget, n)));
         let measured: Vec<_> =
             settings.map(|(budget, threads)| self.fuse(budget, threads)).collect::<Result<_>>()?;
         print_table(&measured, self.views * SIZE.area());
@@ -110,13 +111,21 @@ fn digest(file: &Path) -> Result<[u8; 32]> {
 }
 
 fn print_table(measured: &[Measured], pixels: usize) {
-    println!("\n{:>8} {:>8} {:>8} {:>10} {:>10} {:>8} {:>12}  cloud", "budget", "threads", "wall", "processor", "Mpixel/s", "peak", "points");
+    println!(
+        "\n{:>8} {:>8} {:>8} {:>10} {:>10} {:>8} {:>12}  cloud",
+        "budget", "threads", "wall", "processor", "Mpixel/s", "peak", "points"
+    );
     for m in measured {
         let rate = pixels as f64 / 1e6 / m.wall_seconds;
         let hash: String = m.cloud[..4].iter().map(|byte| format!("{byte:02x}")).collect();
         println!(
             "{:>8} {:>8} {:>6.1} s {:>8.1} s {rate:>10.2} {:>4} MiB {:>12}  {hash}",
-            m.budget, m.threads, m.wall_seconds, m.processor_seconds, m.peak >> 20, m.points
+            m.budget,
+            m.threads,
+            m.wall_seconds,
+            m.processor_seconds,
+            m.peak >> 20,
+            m.points
         );
     }
 }

@@ -371,6 +371,9 @@ pub struct CommonFlags {
     /// [default: 70%].
     #[arg(long, value_name = "SIZE")]
     pub max_memory: Option<MemoryLimit>,
+    /// Call it an error, with exit code 1, if a view is left out.
+    #[arg(long)]
+    pub strict: bool,
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,

@@ -32,14 +32,7 @@ fn fused(views: &[FusionView], memory: usize) -> (Cloud, FuseReport) {
 #[allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 fn fused_with(views: &[FusionView], neighbours: &[Vec<usize>], memory: usize) -> (Cloud, FuseReport) {
     let options = FuseOptions::default();
-    fuse_to_cloud(&FuseJob {
-        source: views,
-        neighbours,
-        options: &options,
-        roi: None,
-        memory,
-    })
-    .unwrap()
+    fuse_to_cloud(&FuseJob { source: views, neighbours, options: &options, roi: None, memory }).unwrap()
 }
 
 #[test]

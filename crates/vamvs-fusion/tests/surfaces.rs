@@ -16,8 +16,7 @@ const DISTANCE: f64 = 4.0;
 #[allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 fn fuse(views: &[FusionView], options: &FuseOptions, roi: Option<Roi>) -> (Cloud, FuseReport) {
     let neighbours = all_others(views.len());
-    fuse_to_cloud(&FuseJob { source: views, neighbours: &neighbours, options, roi, memory: 1 << 30 })
-        .unwrap()
+    fuse_to_cloud(&FuseJob { source: views, neighbours: &neighbours, options, roi, memory: 1 << 30 }).unwrap()
 }
 
 fn tilted() -> Surface {

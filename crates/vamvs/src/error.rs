@@ -43,7 +43,9 @@ impl VamvsError {
         let causes = std::iter::successors(Some(self as &dyn std::error::Error), |error| error.source());
         causes.map(|error| error.to_string().to_lowercase()).any(|text| {
             // As libtorch says it of a GPU, of a processor, and of a processor under Windows.
-            ["cuda out of memory", "can't allocate memory", "not enough memory"].iter().any(|w| text.contains(w))
+            ["cuda out of memory", "can't allocate memory", "not enough memory"]
+                .iter()
+                .any(|w| text.contains(w))
         })
     }
 

@@ -33,12 +33,7 @@ pub struct FeatureCache<'a> {
 }
 
 impl<'a> FeatureCache<'a> {
-    pub fn new(
-        scene: &'a Scene,
-        photographs: Photographs,
-        network: &'a Network,
-        capacity: usize,
-    ) -> Self {
+    pub fn new(scene: &'a Scene, photographs: Photographs, network: &'a Network, capacity: usize) -> Self {
         Self {
             scene,
             photographs,

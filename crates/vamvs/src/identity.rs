@@ -28,8 +28,7 @@ impl Identity {
     ) -> Result<Self, VamvsError> {
         use rayon::prelude::*;
         // Slabs and strips bound the memory and change nothing of the result.
-        let common =
-            format!("{PIPELINE_VERSION} {} {:?}", blake3::hash(module), options.iterations);
+        let common = format!("{PIPELINE_VERSION} {} {:?}", blake3::hash(module), options.iterations);
         let views =
             scene.views.par_iter().map(|view| hash_view(view, photographs)).collect::<Result<_, _>>()?;
         Ok(Self { common, views })

@@ -63,11 +63,6 @@ pub struct FusionOptions {
 
 impl Default for FusionOptions {
     fn default() -> Self {
-        Self {
-            filter: FuseOptions::default(),
-            neighbours: 10,
-            roi: None,
-            max_memory: MemoryLimit::default(),
-        }
+        Self { filter: FuseOptions::default(), neighbours: 10, roi: None, max_memory: MemoryLimit::default() }
     }
 }

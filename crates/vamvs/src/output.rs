@@ -203,7 +203,8 @@ impl OutputFolder {
     /// # Errors
     /// If a file cannot be removed.
     pub fn discard(&self, name: &str) -> Result<(), VamvsError> {
-        let files = [self.record(name), self.depth(name), self.confidence(name), self.coarse_confidence(name)];
+        let files =
+            [self.record(name), self.depth(name), self.confidence(name), self.coarse_confidence(name)];
         files.iter().chain(&[self.image(name), self.cam(name)]).try_for_each(|file| remove(file))
     }
 

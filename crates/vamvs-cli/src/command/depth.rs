@@ -22,7 +22,7 @@ pub fn run(arguments: &DepthArguments) -> Result<()> {
     if arguments.common.json {
         println!("{}", as_json(&summary));
     }
-    Ok(())
+    super::expect_all_views(&arguments.common, &summary.skipped)
 }
 
 /// The settings with all flags of the command.

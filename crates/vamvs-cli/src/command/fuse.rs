@@ -30,7 +30,7 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     } else {
         println!("{}", cloud.display());
     }
-    Ok(())
+    super::expect_all_views(&arguments.common, &fused.skipped)
 }
 
 /// The masks of the folder's own images, if there are any.
@@ -75,5 +75,7 @@ fn say_exports(cloud: &Path, settings: &Settings, progress: &Progress) {
 pub fn as_json(fused: &FuseSummary) -> serde_json::Value {
     let views: Vec<_> =
         fused.views.iter().map(|(name, report)| json!({"view": name, "pixels": report})).collect();
-    json!({"points": fused.points, "total": fused.total(), "views": views})
+    let skipped: Vec<_> =
+        fused.skipped.iter().map(|(name, reason)| json!({"view": name, "reason": reason})).collect();
+    json!({"points": fused.points, "total": fused.total(), "views": views, "skipped": skipped})
 }

@@ -18,6 +18,7 @@ pub fn run(arguments: &ReconstructArguments) -> Result<()> {
     let common = &arguments.depth.common;
     let progress = Progress::new(common.quiet);
     let maps = depth::estimate(&arguments.depth, &settings, &progress)?;
+    super::expect_all_views(common, &maps.skipped)?;
     let folder = OutputFolder::new(&arguments.depth.out());
     // Masked pixels have no depth already.
     let made = Maps::open(folder.root(), Masks::None, &mut |event| progress.show(event))?;
@@ -29,5 +30,5 @@ pub fn run(arguments: &ReconstructArguments) -> Result<()> {
     } else {
         println!("{}", folder.cloud().display());
     }
-    Ok(())
+    super::expect_all_views(common, &fused.skipped)
 }
