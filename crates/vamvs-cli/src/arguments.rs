@@ -428,10 +428,13 @@ pub struct CommonFlags {
     /// Threads [default: one a core].
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
-    /// The most memory to take, such as 2GiB, 500MB or 50% of the machine's; results do not depend on it
-    /// [default: 70%].
+    /// The most memory to take, such as 2GiB, 500MB or 50% of the machine's; results do not depend on it. It
+    /// bounds fusion, and of depth estimation what is kept for later views [default: 70%].
     #[arg(long, value_name = "SIZE")]
     pub max_memory: Option<MemoryLimit>,
+    /// Call it an error, with exit code 1, if a view is left out.
+    #[arg(long)]
+    pub strict: bool,
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,

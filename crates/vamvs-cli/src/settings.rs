@@ -1,11 +1,11 @@
 //! All settings of a run: defaults, then the configuration file, then flags. The result is written
 //! beside the outputs, so that a run can be repeated.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
-use vamvs::core::{DepthRange, Roi};
+use vamvs::core::Roi;
 use vamvs::fusion::FuseOptions;
 use vamvs::{DepthOptions, ExportOptions, FusionOptions, export};
 
@@ -98,7 +98,7 @@ impl Settings {
 
     /// The settings as TOML.
     #[cfg(feature = "net")]
-    pub fn save(&self, path: &Path) -> Result<()> {
+    pub fn save(&self, path: &std::path::Path) -> Result<()> {
         let text = toml::to_string_pretty(self).context("the settings cannot be written as TOML")?;
         Ok(vamvs::io::atomic::write(path, |out| out.write_all(text.as_bytes()))?)
     }
@@ -166,9 +166,9 @@ pub fn roi(numbers: Option<&[f64]>) -> Result<Option<Roi>> {
 
 /// A depth range from its two numbers.
 #[cfg(feature = "net")]
-pub fn depth_range(numbers: Option<&[f64]>) -> Result<Option<DepthRange>> {
+pub fn depth_range(numbers: Option<&[f64]>) -> Result<Option<vamvs::core::DepthRange>> {
     let Some(&[near, far]) = numbers else { return Ok(None) };
-    Ok(Some(DepthRange::try_new(near, far).context("--depth-range")?))
+    Ok(Some(vamvs::core::DepthRange::try_new(near, far).context("--depth-range")?))
 }
 
 #[cfg(feature = "net")]

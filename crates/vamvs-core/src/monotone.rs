@@ -168,7 +168,7 @@ mod tests {
         let shares: [f64; 5] = [0.25, 0.75, 0.5, 0.25, 1.0];
         let outcomes = (0..20).map(|i| (i as f32, i % 4 < (4.0 * shares[i / 4]) as usize)).collect();
         let map = MonotoneMap::fit(outcomes, 5).unwrap();
-        assert_eq!(Vec::from(map.clone()), [[1.5, 0.25], [9.5, 0.5], [17.5, 1.0]]);
+        assert_eq!(Vec::from(map), [[1.5, 0.25], [9.5, 0.5], [17.5, 1.0]]);
         let fitted: [f64; 5] = [0.25, 0.5, 0.5, 0.5, 1.0];
         let error: f64 = shares.iter().zip(fitted).map(|(share, value)| (share - value).powi(2)).sum();
         assert!(error <= brute_force(&shares) + 1e-12);

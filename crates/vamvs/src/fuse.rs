@@ -23,6 +23,8 @@ pub struct FuseSummary {
     pub fusing: Duration,
     /// Time to write what other programs get.
     pub exporting: Duration,
+    /// Views that can have no point, with the reason: too few others see the same surfaces.
+    pub skipped: Vec<(String, String)>,
 }
 
 impl FuseSummary {
@@ -48,6 +50,10 @@ pub fn fuse(
     on_event: &mut dyn FnMut(Event),
 ) -> Result<FuseSummary, VamvsError> {
     let neighbours = maps.neighbours(options.neighbours);
+    let skipped = alone(maps, &neighbours, options.filter.min_views);
+    for (name, reason) in &skipped {
+        on_event(Event::Warning(format!("{name} is left out: {reason}")));
+    }
     let mut exporter = Exporter::begin(maps, cloud, exports)?;
     let memory = options.max_memory.left() - options.max_memory.left() / SPARE;
     let job = FuseJob {
@@ -72,7 +78,19 @@ pub fn fuse(
         exporter.finish(&neighbours, &options.filter, on_event)?;
     }
     let views = maps.names().iter().cloned().zip(report.views).collect();
-    Ok(FuseSummary { points, views, fusing, exporting: begin.elapsed() - fusing })
+    Ok(FuseSummary { points, views, skipped, fusing, exporting: begin.elapsed() - fusing })
+}
+
+/// The views of which no point can be confirmed, with the reason.
+fn alone(maps: &Maps, neighbours: &[Vec<usize>], min_views: usize) -> Vec<(String, String)> {
+    let views = maps.names().iter().zip(neighbours);
+    let alone = views.filter(|(_, others)| others.len() + 1 < min_views);
+    let reason = |count| {
+        format!(
+            "{count} other view(s) see the same surfaces, and {min_views} must agree on a point, its own included (--min-views)"
+        )
+    };
+    alone.map(|(name, others)| (name.clone(), reason(others.len()))).collect()
 }
 
 /// Tells of depth maps that took more than they should.

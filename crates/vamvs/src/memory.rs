@@ -23,19 +23,19 @@ pub enum MemoryLimit {
 pub struct MemoryLimitError(String);
 
 impl MemoryLimit {
-    /// The limit in bytes.
+    /// The limit in bytes. A share of a memory that the system does not tell is no limit.
     #[must_use]
     pub fn bytes(self) -> u64 {
         match self {
             Self::Bytes(bytes) => bytes,
-            Self::Percent(percent) => machine_bytes() / 100 * u64::from(percent),
+            Self::Percent(percent) => machine_bytes().unwrap_or(u64::MAX) / 100 * u64::from(percent),
         }
     }
 
     /// Bytes that the process may take beside what it holds now; 0 if it holds more.
     #[must_use]
     pub fn left(self) -> u64 {
-        self.bytes().saturating_sub(process_bytes())
+        self.bytes().saturating_sub(process_bytes().unwrap_or(0))
     }
 }
 
@@ -86,21 +86,21 @@ pub fn spelled(bytes: u64) -> String {
     ByteSize(bytes).to_string()
 }
 
-/// The machine's memory, or the limit of the container the process is in.
-fn machine_bytes() -> u64 {
-    let Ok(mut system) = System::new() else { return 0 };
+/// The machine's memory, or the limit of the container the process is in; `None` if the system does not tell.
+fn machine_bytes() -> Option<u64> {
+    let mut system = System::new().ok()?;
     system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
     let total = system.total_memory();
-    system.cgroup_limits().map_or(total, |limits| limits.total_memory.min(total))
+    Some(system.cgroup_limits().map_or(total, |limits| limits.total_memory.min(total)))
 }
 
-/// What the process holds in memory now.
-fn process_bytes() -> u64 {
-    let Ok(id) = sysinfo::get_current_pid() else { return 0 };
-    let Ok(mut system) = System::new() else { return 0 };
+/// What the process holds in memory now; `None` if the system does not tell.
+fn process_bytes() -> Option<u64> {
+    let id = sysinfo::get_current_pid().ok()?;
+    let mut system = System::new().ok()?;
     let what = ProcessRefreshKind::nothing().with_memory();
     system.refresh_processes_specifics(ProcessesToUpdate::Some(&[id]), false, what);
-    system.process(id).map_or(0, sysinfo::Process::memory)
+    system.process(id).map(sysinfo::Process::memory)
 }
 
 #[cfg(test)]

@@ -26,8 +26,8 @@ pub struct DepthOptions {
     pub iterations: Option<usize>,
     /// Depth only inside this box of the world.
     pub roi: Option<Roi>,
-    /// The most memory to take. What is left beside a depth map in the making keeps features of photographs
-    /// that will be needed again.
+    /// Memory, of which half of what is free keeps features of photographs that will be needed again. What one
+    /// depth map takes in the making is not limited yet.
     pub max_memory: MemoryLimit,
 }
 

@@ -12,6 +12,7 @@ use vamvs::{DepthSummary, OutputFolder, Photographs, Plan, ViewPlan, weights};
 use crate::arguments::DepthArguments;
 use crate::progress::Progress;
 use crate::settings::Settings;
+use crate::timing::Timing;
 
 /// Runs the command.
 pub fn run(arguments: &DepthArguments) -> Result<()> {
@@ -24,7 +25,7 @@ pub fn run(arguments: &DepthArguments) -> Result<()> {
     if arguments.common.json {
         println!("{}", as_json(&summary));
     }
-    Ok(())
+    super::expect_all_views(&arguments.common, &summary.skipped)
 }
 
 /// The settings with all flags of the command.

@@ -35,7 +35,7 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     } else {
         println!("{}", cloud.display());
     }
-    Ok(())
+    super::expect_all_views(&arguments.common, &fused.skipped)
 }
 
 /// The masks of the folder's own images, if there are any.
@@ -80,6 +80,8 @@ fn say_exports(cloud: &Path, settings: &Settings, progress: &Progress) {
 pub fn as_json(fused: &FuseSummary) -> serde_json::Value {
     let views: Vec<_> =
         fused.views.iter().map(|(name, report)| json!({"view": name, "pixels": report})).collect();
+    let skipped: Vec<_> =
+        fused.skipped.iter().map(|(name, reason)| json!({"view": name, "reason": reason})).collect();
     let seconds = json!({"fuse": fused.fusing.as_secs_f64(), "export": fused.exporting.as_secs_f64()});
-    json!({"points": fused.points, "total": fused.total(), "views": views, "seconds": seconds})
+    json!({"points": fused.points, "total": fused.total(), "views": views, "skipped": skipped, "seconds": seconds})
 }

@@ -15,9 +15,9 @@ mod synth;
 #[cfg(feature = "net")]
 mod train;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 
-use crate::arguments::{Arguments, Command};
+use crate::arguments::{Arguments, Command, CommonFlags};
 
 /// Runs a command.
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -38,4 +38,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Completions(arguments) => manual::completions(arguments),
         Command::Man(arguments) => manual::run(arguments),
     }
+}
+
+/// With `--strict` it is an error that views were left out, given with their reasons.
+fn expect_all_views(common: &CommonFlags, left_out: &[(String, String)]) -> Result<()> {
+    if common.strict && !left_out.is_empty() {
+        let views: Vec<String> = left_out.iter().map(|(name, reason)| format!("{name}: {reason}")).collect();
+        bail!("{} view(s) were left out, and --strict allows none: {}", views.len(), views.join("; "));
+    }
+    Ok(())
 }

@@ -19,6 +19,7 @@ pub fn run(arguments: &ReconstructArguments) -> Result<()> {
     let common = &arguments.depth.common;
     let (progress, mut timing) = (Progress::of(common), Timing::begin());
     let maps = depth::estimate(&arguments.depth, &settings, &progress)?;
+    super::expect_all_views(common, &maps.skipped)?;
     timing.add_depth(&maps);
     let folder = OutputFolder::new(&arguments.depth.out());
     // Masked pixels have no depth already.
@@ -34,5 +35,5 @@ pub fn run(arguments: &ReconstructArguments) -> Result<()> {
     } else {
         println!("{}", folder.cloud().display());
     }
-    Ok(())
+    super::expect_all_views(common, &fused.skipped)
 }
