@@ -11,7 +11,6 @@ use nalgebra::Vector3;
 use sha2::{Digest, Sha256};
 use vamvs_core::{Grid, Pose, Size};
 use vamvs_io::{image, mvsnet, pfm};
-use vamvs_tests::noise::lattice;
 use vamvs_tests::{Rendered, fixtures};
 use wait4::Wait4;
 
@@ -159,8 +158,17 @@ fn write_scene(folder: &Path, views: usize) -> Result<()> {
 /// The numbers below `count` in an order that looks random.
 fn shuffled(count: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..count).collect();
-    order.sort_by(|&a, &b| lattice([a as i32, 0, 0], 1).total_cmp(&lattice([b as i32, 0, 0], 1)));
+    order.sort_by(|&a, &b| random([a, 0, 0, 0]).total_cmp(&random([b, 0, 0, 0])));
     order
+}
+
+/// A random number in [0, 1) that belongs to these numbers.
+fn random(of: [usize; 4]) -> f32 {
+    let mix = |hash: u64, number: usize| {
+        let hash = (hash ^ number as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        hash ^ (hash >> 32)
+    };
+    (of.into_iter().fold(1, mix) >> 40) as f32 / (1 << 24) as f32
 }
 
 fn write_camera(folder: &Path, name: &str, view: &Rendered, place: usize) -> Result<()> {
@@ -179,7 +187,7 @@ fn map_files(folder: &Path, name: &str) -> [PathBuf; 4] {
 }
 
 fn write_maps(folder: &Path, name: &str, view: usize, rendered: &Rendered) -> Result<()> {
-    let random = |x: usize, y: usize, seed| lattice([x as i32, y as i32, view as i32], seed) as f32;
+    let random = |x: usize, y: usize, purpose| random([x, y, view, purpose]);
     let noise = |x, y| 1.0 + DEPTH_NOISE * (2.0 * random(x, y, 1) - 1.0);
     let [image, confidence, coarse, depth] = map_files(folder, name);
     image::save_png_rgb(&image, &rendered.photo.image)?;
