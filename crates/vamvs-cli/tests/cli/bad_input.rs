@@ -57,11 +57,12 @@ fn cameras_that_are_none_are_named_with_file_and_field() {
 fn a_depth_line_of_min_and_max_is_read_as_such_and_said() {
     let scene = small();
     edit_cam(&scene, 1, DEPTH_LINE, "3 9");
-    let output = scene.run("depth", &QUICK);
+    let output = scene.run("depth", &[&QUICK[..], &["--verbose"]].concat());
     expect_success(&output);
     let said = stderr(&output);
     assert!(said.contains("warning: ") && said.contains("0001.png: depth 3.0000 to 9.0000"), "{said}");
-    let output = scene.run("depth", &["--depth-line", "min-interval", "--iterations", "0", "--planes", "16"]);
+    let output =
+        scene.run("depth", &["--depth-line", "min-interval", "--iterations", "0", "--planes", "16", "-v"]);
     expect_success(&output);
     assert!(stderr(&output).contains("0001.png: depth 3.0000 to 1722.0000"), "{}", stderr(&output));
 }
@@ -117,11 +118,19 @@ fn a_photograph_of_another_size_is_fitted_with_a_note_or_refused() {
 }
 
 #[test]
-fn a_corrupt_photograph_is_named() {
+fn a_corrupt_photograph_is_named_and_its_view_left_out() {
     let scene = small();
     let bytes = std::fs::read(scene.path("images/0001.png")).unwrap();
     write(&scene.path("images/0001.png"), &bytes[..bytes.len() / 2]);
-    let said = scene.error("depth", &QUICK);
+    let output = scene.run("depth", &QUICK);
+    expect_success(&output);
+    let said = stderr(&output);
+    assert!(said.contains("warning: 0001.png is left out") && said.contains("1 views left out"), "{said}");
+    let map = |name: &str| scene.out().join(format!("depths/{name}.pfm"));
+    assert!(map("0000").exists() && !map("0001").exists() && map("0002").exists());
+    let pairs = std::fs::read_to_string(scene.out().join("pair.txt")).unwrap();
+    assert!(pairs.starts_with("2\n"), "{pairs}");
+    let said = scene.error("depth", &[&QUICK[..], &["--strict"]].concat());
     assert!(said.contains("0001.png"), "{said}");
 }
 
