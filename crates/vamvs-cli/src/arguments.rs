@@ -312,8 +312,8 @@ pub enum Spacing {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Depth")]
 pub struct DepthFlags {
-    /// The network, a TorchScript module [default: the built-in one].
-    #[arg(long, value_name = "FILE.pt")]
+    /// The network: vis-max or photometric, which are built in, or a TorchScript module [default: vis-max].
+    #[arg(long, value_name = "NAME|FILE.pt")]
     pub weights: Option<PathBuf>,
     /// auto, cpu, cuda or cuda:N [default: auto].
     #[arg(long, value_name = "DEVICE")]

@@ -92,7 +92,10 @@ impl Settings {
         };
         settings.input.kinds().into_iter().try_for_each(absolute)?;
         let InputSettings { images, pairs, masks, .. } = &mut settings.input;
-        [&mut settings.weights, images, pairs, masks].into_iter().try_for_each(absolute)?;
+        [images, pairs, masks].into_iter().try_for_each(absolute)?;
+        if !settings.weights.as_deref().is_some_and(vamvs::weights::is_built_in) {
+            absolute(&mut settings.weights)?;
+        }
         Ok(settings)
     }
 

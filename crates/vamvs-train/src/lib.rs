@@ -34,5 +34,5 @@ pub use dataset::Dataset;
 pub use error::TrainError;
 pub use event::TrainEvent;
 pub use options::TrainOptions;
-pub use trainer::{TrainJob, train};
+pub use trainer::{TrainJob, train, write_module};
 pub use validate::{Scores, Validation, validate};

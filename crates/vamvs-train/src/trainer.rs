@@ -230,9 +230,12 @@ fn check_same_run(folder: &std::path::Path, state: &State, fresh: &State) -> Res
 }
 
 /// Writes a module whole or not at all.
-pub(crate) fn write_module(network: &Network, path: &std::path::Path) -> Result<(), TrainError> {
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+pub fn write_module(network: &Network, path: &std::path::Path) -> Result<(), TrainError> {
     let file = AtomicFile::create(path)?;
-    network.save(file.path())?;
+    network.save(file.unfinished_path())?;
     Ok(file.commit()?)
 }
 

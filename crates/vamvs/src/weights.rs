@@ -2,33 +2,79 @@
 
 use std::path::Path;
 
+use vamvs_io::IoError;
 use vamvs_net::{Device, Network};
 
 use crate::VamvsError;
 
-/// The network that is built in, until a trained one is better.
-const BUILT_IN: &[u8] = include_bytes!("../../../weights/photometric.pt");
+/// The networks that are built in, by name; the first is used if none is asked for.
+const BUILT_IN: [(&str, &[u8]); 2] = [
+    ("vis-max", include_bytes!("../../../weights/vis-max.pt")),
+    ("photometric", include_bytes!("../../../weights/photometric.pt")),
+];
 
-/// Loads the module in `path`, or the built-in one.
+/// Where a network is.
+enum Source<'a> {
+    BuiltIn(&'static str, &'static [u8]),
+    File(&'a Path),
+}
+
+/// Loads the built-in network of the name `weights`, or the module in the file `weights`; the first of the
+/// built-in ones if nothing is said.
 ///
 /// # Errors
 /// If the file is no module of the contract.
-pub fn load(path: Option<&Path>, device: Device) -> Result<Network, VamvsError> {
-    Ok(match path {
-        Some(path) => Network::load(path, device)?,
-        None => Network::from_reader(BUILT_IN, device, "the built-in network")?,
+pub fn load(weights: Option<&Path>, device: Device) -> Result<Network, VamvsError> {
+    Ok(match source(weights) {
+        Source::BuiltIn(name, bytes) => Network::from_reader(bytes, device, name)?,
+        Source::File(path) => Network::load(path, device)?,
     })
 }
 
-/// The bytes of the module in `path`, or of the built-in one: what a depth map's identity depends on.
+/// The bytes of the module that [`load`] loads: what a depth map's identity depends on.
 ///
 /// # Errors
 /// If the file cannot be read.
-pub fn bytes(path: Option<&Path>) -> Result<Vec<u8>, VamvsError> {
-    match path {
-        None => Ok(BUILT_IN.to_vec()),
-        Some(path) => std::fs::read(path).map_err(|source| {
-            vamvs_io::IoError::System { action: "read the weights", path: path.to_owned(), source }.into()
-        }),
+pub fn bytes(weights: Option<&Path>) -> Result<Vec<u8>, VamvsError> {
+    match source(weights) {
+        Source::BuiltIn(_, bytes) => Ok(bytes.to_vec()),
+        Source::File(path) => {
+            let failed =
+                |source| IoError::System { action: "read the weights", path: path.to_owned(), source };
+            Ok(std::fs::read(path).map_err(failed)?)
+        }
+    }
+}
+
+/// Whether this is the name of a built-in network rather than a file.
+#[must_use]
+pub fn is_built_in(weights: &Path) -> bool {
+    matches!(source(Some(weights)), Source::BuiltIn(..))
+}
+
+fn source(weights: Option<&Path>) -> Source<'_> {
+    let Some(path) = weights else { return Source::BuiltIn(BUILT_IN[0].0, BUILT_IN[0].1) };
+    let named = BUILT_IN.into_iter().find(|(name, _)| path == Path::new(name));
+    named.map_or(Source::File(path), |(name, bytes)| Source::BuiltIn(name, bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_built_in_and_paths_are_files() {
+        assert!(is_built_in(Path::new("vis-max")) && is_built_in(Path::new("photometric")));
+        assert!(!is_built_in(Path::new("./vis-max")) && !is_built_in(Path::new("vis-max.pt")));
+        assert_eq!(bytes(None).unwrap(), bytes(Some(Path::new("vis-max"))).unwrap());
+        let error = bytes(Some(Path::new("absent/net.pt"))).unwrap_err().in_full();
+        assert!(error.contains("net.pt"), "{error}");
+    }
+
+    #[test]
+    fn the_built_in_networks_are_modules_of_the_contract() {
+        for (name, _) in BUILT_IN {
+            load(Some(Path::new(name)), Device::Cpu).unwrap();
+        }
     }
 }

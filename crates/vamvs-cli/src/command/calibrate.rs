@@ -4,11 +4,10 @@ use std::path::Path;
 
 use anyhow::{Result, ensure};
 use serde_json::json;
-use vamvs::io::atomic::AtomicFile;
 use vamvs::measures::Reliability;
 use vamvs::net::{Estimator, EstimatorOptions, Network, open_device};
 use vamvs_picture::{Chart, Curve, Page};
-use vamvs_train::{Calibration, Dataset, Validation, calibrate};
+use vamvs_train::{Calibration, Dataset, Validation, calibrate, write_module};
 
 use crate::arguments::CalibrateArguments;
 use crate::settings::Settings;
@@ -24,9 +23,7 @@ pub fn run(arguments: &CalibrateArguments) -> Result<()> {
     let options =
         Validation { views: arguments.views, references: arguments.references, ..Validation::default() };
     let calibration = calibrate(&mut estimator, &dataset, &options)?;
-    let file = AtomicFile::create(&arguments.out)?;
-    estimator.network().save(file.path())?;
-    file.commit()?;
+    write_module(estimator.network(), &arguments.out)?;
     if let Some(path) = &arguments.page {
         draw(&calibration, path)?;
     }
