@@ -20,7 +20,7 @@ pub struct Score {
     #[arg(value_name = "SET")]
     set: PathBuf,
     /// The networks.
-    #[arg(long, value_name = "FILE.pt", num_args = 1.., required = true)]
+    #[arg(long, value_name = "NAME|FILE.pt", num_args = 1.., required = true)]
     weights: Vec<PathBuf>,
     /// Views compared for a depth map, the reference included.
     #[arg(long, value_name = "N", num_args = 1.., default_values_t = [5, 7])]
