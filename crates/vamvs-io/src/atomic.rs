@@ -79,12 +79,6 @@ impl AtomicFile {
         &self.path
     }
 
-    /// Where the file is until then, for writers that open files by their path.
-    #[must_use]
-    pub fn unfinished_path(&self) -> &Path {
-        &self.listed.0
-    }
-
     /// Gives the complete file its name.
     ///
     /// # Errors

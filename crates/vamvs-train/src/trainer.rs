@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use tch::Tensor;
-use vamvs_io::atomic::AtomicFile;
+use vamvs_io::atomic;
 use vamvs_net::{Estimator, EstimatorOptions, Mode, Network, Profile};
 
 use crate::checkpoint::{Checkpoints, State, load_network, load_state, system, write_json};
@@ -234,9 +234,12 @@ fn check_same_run(folder: &std::path::Path, state: &State, fresh: &State) -> Res
 /// # Errors
 /// If the file cannot be written; then nothing has changed.
 pub fn write_module(network: &Network, path: &std::path::Path) -> Result<(), TrainError> {
-    let file = AtomicFile::create(path)?;
-    network.save(file.unfinished_path())?;
-    Ok(file.commit()?)
+    // libtorch writes to paths only, and puts the file's name into the file.
+    let folder = tempfile::tempdir().map_err(|source| system("make a folder for", path, source))?;
+    let whole = folder.path().join("module.pt");
+    network.save(&whole)?;
+    let bytes = std::fs::read(&whole).map_err(|source| system("read", &whole, source))?;
+    Ok(atomic::write(path, |out| out.write_all(&bytes))?)
 }
 
 /// The means over a batch.
