@@ -312,7 +312,7 @@ pub enum Spacing {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Depth")]
 pub struct DepthFlags {
-    /// The network: vis-max or photometric, which are built in, or a TorchScript module [default: vis-max].
+    /// The network: photometric or vis-max, which are built in, or a TorchScript module [default: photometric].
     #[arg(long, value_name = "NAME|FILE.pt")]
     pub weights: Option<PathBuf>,
     /// auto, cpu, cuda or cuda:N [default: auto].
