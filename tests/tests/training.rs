@@ -20,9 +20,8 @@ fn network(name: &str) -> Network {
     Network::load(path.as_ref(), Device::Cpu).unwrap()
 }
 
-/// What the gradient of a loss says against what the loss does along the gradient itself. Long steps meet
-/// curvature and the kinks of ReLU, maximum and neighbourhood, short ones the rounding of single
-/// precision, so the best of several steps counts.
+/// What the gradient of a loss says against what the loss does, a little along the gradient itself. The loss
+/// bends strongly, so the step is as short as single precision allows.
 fn assert_gradient(network: &Network, parts: &[&str], loss: impl Fn() -> Tensor) {
     let parameters: Vec<Tensor> = network
         .parameters()
@@ -47,9 +46,9 @@ fn assert_gradient(network: &Network, parts: &[&str], loss: impl Fn() -> Tensor)
             value
         })
     };
-    let slopes = [3e-3, 1e-3, 3e-4, 1e-4, 3e-5].map(|step| (moved(step) - moved(-step)) / (2.0 * step));
-    let closest = slopes.iter().map(|slope| (slope / norm - 1.0).abs()).fold(f64::INFINITY, f64::min);
-    assert!(closest < 0.1, "{parts:?}: gradient {norm}, finite differences {slopes:?}");
+    let step = 3e-6;
+    let slope = (moved(step) - moved(-step)) / (2.0 * step);
+    assert!((slope / norm - 1.0).abs() < 0.05, "{parts:?}: gradient {norm}, finite differences {slope}");
     parameters.iter().for_each(|p| p.shallow_clone().zero_grad());
 }
 
@@ -69,7 +68,7 @@ fn move_off_kinks(network: &Network) {
 /// Lets normalisation layers see the scene, so that their running statistics are near its own.
 fn gather_statistics(estimator: &Estimator, views: &[Rendered], planes: &Planes) {
     tch::no_grad(|| {
-        for _ in 0..8 {
+        for _ in 0..20 {
             let encode = |view: &Rendered| estimator.network().encode(&view.photo).unwrap();
             let views: Vec<_> = views.iter().map(encode).collect();
             let sources: Vec<_> = views[1..].iter().collect();
@@ -78,16 +77,16 @@ fn gather_statistics(estimator: &Estimator, views: &[Rendered], planes: &Planes)
     });
 }
 
-/// A smooth loss of a map: its weighted mean.
+/// A smooth loss of a map: its weighted mean, in double precision so that little of a short step is lost.
 fn loss(map: &Tensor) -> Tensor {
     let size = map.numel() as i64;
     let weights = (Tensor::arange(size, (Kind::Float, Device::Cpu)) * 0.7).sin() + 0.3;
-    (map.flatten(0, -1) * weights).mean(Kind::Float)
+    (map.flatten(0, -1).to_kind(Kind::Double) * weights).mean(Kind::Double)
 }
 
 #[test]
 fn gradients_of_every_stage_are_those_of_finite_differences() {
-    let views = fixtures::still_life(Size::new(96, 64), 3);
+    let views = fixtures::still_life(Size::new(128, 96), 3);
     let range = folder::depth_range(&views[0], 1.05).unwrap();
     let planes = Planes { range, count: 16, spacing: Spacing::Depth };
     for name in ["var", "vis-max", "vis-var"] {

@@ -61,7 +61,7 @@ fn noisy(image: &Grid<Rgb>, deviation: f64, rng: &mut impl Rng) -> Grid<Rgb> {
 }
 
 /// A standard normal variate (Box and Muller).
-fn normal(rng: &mut impl Rng) -> f64 {
+pub(crate) fn normal(rng: &mut impl Rng) -> f64 {
     let (u, v): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());
     (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }

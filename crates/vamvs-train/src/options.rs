@@ -40,6 +40,9 @@ pub struct SampleOptions {
     pub min_scale: f64,
     /// Largest change of either end of the depth range, as a logarithm.
     pub range_jitter: f64,
+    /// Deviation of the errors of the sources' cameras, pixels of the sample: estimated cameras are never
+    /// exactly the true ones.
+    pub camera_noise: f64,
     /// Whether colours, exposure, noise and sharpness vary between views.
     pub augment: bool,
 }
@@ -107,6 +110,7 @@ impl Default for SampleOptions {
             max_planes: 64,
             min_scale: 0.5,
             range_jitter: 0.25,
+            camera_noise: 0.3,
             augment: true,
         }
     }
@@ -162,6 +166,7 @@ impl TrainOptions {
                 views: [3, 3],
                 max_planes: 48,
                 min_scale: 1.0,
+                camera_noise: 0.0,
                 ..SampleOptions::default()
             },
             loss: LossOptions { flow_reach: 0.0, ..LossOptions::default() },
@@ -182,7 +187,7 @@ impl TrainOptions {
     /// # Errors
     /// With the first that does not.
     pub fn check(&self) -> Result<(), TrainError> {
-        let SampleOptions { crop, views, max_planes, min_scale, range_jitter, .. } = &self.sample;
+        let SampleOptions { crop, views, max_planes, min_scale, range_jitter, camera_noise, .. } = &self.sample;
         let at_least = |name, value: usize, least: usize| {
             let wrong = || TrainError::option(name, &format!("{least} at least"), &value);
             if value < least { Err(wrong()) } else { Ok(()) }
@@ -203,6 +208,7 @@ impl TrainOptions {
         at_least("max-planes", *max_planes, 8)?;
         between("min-scale", *min_scale, 0.1, 1.0)?;
         between("range-jitter", *range_jitter, 0.0, 1.0)?;
+        between("camera-noise", *camera_noise, 0.0, 10.0)?;
         between("the weight of visibility", self.loss.visibility, 0.0, 1e3)?;
         between("flow-reach", self.loss.flow_reach, 0.0, 1e3)?;
         between("learning-rate", self.optimizer.learning_rate, 1e-8, 1.0)?;

@@ -6,11 +6,11 @@ use rand_pcg::Pcg64;
 use vamvs_core::depth_map::is_valid;
 use vamvs_core::lift::lift;
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthRange, Grid, Photo, Pinhole, Planes, Size, Spacing};
+use vamvs_core::{DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Size, Spacing};
 use vamvs_io::{image, pfm, visibility};
 
 use crate::TrainError;
-use crate::augment::retake;
+use crate::augment::{normal, retake};
 use crate::dataset::{Dataset, TrainingScene, TrainingView};
 use crate::options::SampleOptions;
 use crate::truth::Truth;
@@ -61,7 +61,9 @@ pub fn draw(
     let mut photos = vec![photo(&scene.views[reference], &cut, options, &mut rng)?];
     for &source in &sources {
         let cut = cut_source(scene, (reference, source), &cut, &depth);
-        photos.push(photo(&scene.views[source], &cut, options, &mut rng)?);
+        let mut photo = photo(&scene.views[source], &cut, options, &mut rng)?;
+        misplace(&mut photo.camera.intrinsics, options.camera_noise, &mut rng);
+        photos.push(photo);
     }
     let planes = planes(&depth, &photos, options, &scene.views[reference], &mut rng)?;
     let truth = truth(&scene.views[reference], depth, &sources, &cut)?;
@@ -221,6 +223,12 @@ fn photo(
     let image = cut.image(&image::load_rgb(&view.image)?);
     let image = if options.augment { retake(&image, rng) } else { image };
     Ok(Photo { camera: cut.camera(&view.camera), cam_from_world: view.cam_from_world, image, mask: None })
+}
+
+/// An error of the camera: over a small part of a photograph, what a small error of its orientation does.
+fn misplace(intrinsics: &mut Intrinsics, deviation: f64, rng: &mut impl Rng) {
+    intrinsics.cx += deviation * normal(rng);
+    intrinsics.cy += deviation * normal(rng);
 }
 
 /// Planes as a run would choose them for a range that is not quite the truth's.

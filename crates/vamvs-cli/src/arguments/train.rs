@@ -119,6 +119,9 @@ pub struct SampleFlags {
     /// Largest change of the ends of the depth range, as a logarithm [default: 0.25].
     #[arg(long, value_name = "LOG")]
     pub range_jitter: Option<f64>,
+    /// Deviation of the errors of the sources' cameras, pixels [default: 0.3; paper: 0].
+    #[arg(long, value_name = "PIXELS")]
+    pub camera_noise: Option<f64>,
     /// Photographs as they are: no change of colours, exposure, sharpness, no noise.
     #[arg(long)]
     pub no_augmentation: bool,

@@ -66,6 +66,7 @@ fn options(training: &TrainingFlags, samples: &SampleFlags) -> TrainOptions {
     set(&mut sample.max_planes, samples.max_planes);
     set(&mut sample.min_scale, samples.min_scale);
     set(&mut sample.range_jitter, samples.range_jitter);
+    set(&mut sample.camera_noise, samples.camera_noise);
     sample.augment &= !samples.no_augmentation;
     options
 }
