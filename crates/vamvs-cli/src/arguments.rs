@@ -100,6 +100,7 @@ const RECONSTRUCT_EXAMPLES: &str = "\
 Examples:
   vamvs reconstruct --cams cams --images images --out out        MVSNet layout
   vamvs reconstruct --colmap sparse/0 --images images --out out  COLMAP model, distorted or not
+  vamvs reconstruct --colmap sparse/0 --images images --preview  a quick look in a tenth of the time
   vamvs reconstruct --nerfstudio capture --export colmap         transforms.json; workspace for COLMAP too
   vamvs reconstruct --config out/run.toml --min-views 2          the same again, fused otherwise
 
@@ -318,6 +319,10 @@ pub struct DepthFlags {
     /// auto, cpu, cuda or cuda:N [default: auto].
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
+    /// A quick look at a capture, in about a tenth of the time: --max-size 400 --iterations 2, unless these are
+    /// given.
+    #[arg(long)]
+    pub preview: bool,
     /// Longer side to which larger photographs are reduced, pixels [default: 1280].
     #[arg(long, value_name = "PIXELS")]
     pub max_size: Option<usize>,

@@ -205,6 +205,9 @@ mod depth {
         pub fn apply_depth(&mut self, flags: &DepthFlags) -> Result<()> {
             set(&mut self.weights, flags.weights.clone().map(Some));
             set(&mut self.device, flags.device.clone().map(Some));
+            if flags.preview {
+                self.depth = self.depth.clone().preview();
+            }
             let depth = &mut self.depth;
             set(&mut depth.max_size, flags.max_size);
             set(&mut depth.views, flags.views);

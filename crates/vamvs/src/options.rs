@@ -47,6 +47,15 @@ impl Default for DepthOptions {
     }
 }
 
+impl DepthOptions {
+    /// The same options for a quick look at a capture: photographs of at most 400 pixels and two flow iterations,
+    /// so that depth maps have a quarter of that size. Planes that are chosen from the cameras are fewer then too.
+    #[must_use]
+    pub fn preview(self) -> Self {
+        Self { max_size: 400, iterations: Some(2), ..self }
+    }
+}
+
 /// How depth maps become a cloud.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]

@@ -49,3 +49,20 @@ fn a_second_run_keeps_what_is_there_and_other_settings_or_photographs_redo_it() 
     vamvs::io::image::save_png_rgb(&image, &scene.views[2].photo.image).unwrap();
     assert!(!summary(&["--planes", "24", "--views", "2"]).starts_with("0 depth maps made"));
 }
+
+#[test]
+fn a_preview_is_smaller_is_recorded_and_gives_way_to_flags() {
+    let scene = Scene::new(480, 360, 2);
+    let size_and_settings = |arguments: &[&str]| {
+        expect_success(&scene.run("depth", &[arguments, &["--planes", "8", "--quiet", "--force"]].concat()));
+        let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
+        (map.size(), std::fs::read_to_string(scene.out().join("run.toml")).unwrap())
+    };
+    let (size, settings) = size_and_settings(&["--preview"]);
+    // 480×360 pixels become 400×300, and two iterations end at a quarter of that.
+    assert_eq!(size, vamvs::core::Size::new(100, 75));
+    assert!(settings.contains("max-size = 400") && settings.contains("iterations = 2"), "{settings}");
+    let (size, settings) = size_and_settings(&["--preview", "--max-size", "160", "--iterations", "1"]);
+    assert_eq!(size, vamvs::core::Size::new(20, 15));
+    assert!(settings.contains("max-size = 160") && settings.contains("iterations = 1"), "{settings}");
+}
