@@ -45,7 +45,7 @@ pub(crate) struct Sample {
 impl FilteredView {
     /// Applies the filter to view number `view`.
     pub fn new(view: usize, loaded: FusionView, options: &FuseOptions) -> Result<Self, FuseError> {
-        check_sizes(view, &loaded)?;
+        loaded.check(view)?;
         let (inverse_depth, report) = filter(&loaded, options);
         let camera = loaded.map.camera;
         Ok(Self {
@@ -114,24 +114,6 @@ pub(crate) fn centre(x: usize, y: usize) -> Vector2<f32> {
 /// The geometric mean of both focal lengths, pixels.
 pub(crate) fn focal(camera: &Pinhole) -> f64 {
     (camera.intrinsics.fx * camera.intrinsics.fy).sqrt()
-}
-
-fn check_sizes(view: usize, loaded: &FusionView) -> Result<(), FuseError> {
-    let map = &loaded.map;
-    let expected = map.depth.size();
-    let parts = [
-        ("a camera", Some(map.camera.size)),
-        ("a confidence map", Some(map.confidence.size())),
-        ("a coarse confidence map", map.coarse_confidence.as_ref().map(Grid::size)),
-        ("a colour image", Some(loaded.colour.size())),
-        ("a mask", loaded.mask.as_ref().map(Grid::size)),
-    ];
-    for (what, found) in parts {
-        if let Some(found) = found.filter(|&found| found != expected) {
-            return Err(FuseError::Size { view, what, expected, found });
-        }
-    }
-    Ok(())
 }
 
 fn filter(loaded: &FusionView, options: &FuseOptions) -> (Grid<f32>, ViewReport) {

@@ -2,9 +2,9 @@
 
 use std::convert::Infallible;
 
-use vamvs_core::{DepthMap, Grid, Rgb};
+use vamvs_core::{DepthMap, Grid, Rgb, Size};
 
-use crate::BoxError;
+use crate::{BoxError, FuseError};
 
 /// What fusion needs of a view. All rasters have the depth map's size.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +15,27 @@ pub struct FusionView {
     pub colour: Grid<Rgb>,
     /// Pixels that count (`true`); `None` if all do.
     pub mask: Option<Grid<bool>>,
+}
+
+impl FusionView {
+    /// Checks that all rasters have the depth map's size; the error calls it view number `view`.
+    ///
+    /// # Errors
+    /// If one has not.
+    pub fn check(&self, view: usize) -> Result<(), FuseError> {
+        let map = &self.map;
+        let expected = map.depth.size();
+        let parts = [
+            ("a camera", Some(map.camera.size)),
+            ("a confidence map", Some(map.confidence.size())),
+            ("a coarse confidence map", map.coarse_confidence.as_ref().map(Grid::size)),
+            ("a colour image", Some(self.colour.size())),
+            ("a mask", self.mask.as_ref().map(Grid::size)),
+        ];
+        let other = |found: &Size| *found != expected;
+        let wrong = parts.into_iter().find_map(|(what, found)| Some((what, found.filter(other)?)));
+        wrong.map_or(Ok(()), |(what, found)| Err(FuseError::Size { view, what, expected, found }))
+    }
 }
 
 /// A set of views that can be loaded one by one, more than once and from several threads.

@@ -187,7 +187,8 @@ impl TrainOptions {
     /// # Errors
     /// With the first that does not.
     pub fn check(&self) -> Result<(), TrainError> {
-        let SampleOptions { crop, views, max_planes, min_scale, range_jitter, camera_noise, .. } = &self.sample;
+        let SampleOptions { crop, views, max_planes, min_scale, range_jitter, camera_noise, .. } =
+            &self.sample;
         let at_least = |name, value: usize, least: usize| {
             let wrong = || TrainError::option(name, &format!("{least} at least"), &value);
             if value < least { Err(wrong()) } else { Ok(()) }

@@ -11,7 +11,7 @@ use vamvs_net::{EncodedView, Estimator, Profile};
 
 use crate::feature_cache::{Encoded, FeatureCache};
 use crate::identity::Identity;
-use crate::output::{Record, SavedMap, names};
+use crate::output::{LeftOut, Record, SavedMap, names};
 use crate::{DepthOptions, Event, OutputFolder, Photographs, Plan, VamvsError, ViewPlan};
 
 /// Pixels around a region of interest that are computed too, so that its border has neighbours.
@@ -33,8 +33,8 @@ pub struct DepthSummary {
     pub made: usize,
     /// Depth maps that were there already.
     pub resumed: usize,
-    /// Views without depth map, with the reason.
-    pub skipped: Vec<(String, String)>,
+    /// Views without depth map.
+    pub skipped: Vec<LeftOut>,
     /// Where the network's time went.
     pub profile: Profile,
     /// Time to find out what is there already, and to read, undistort and reduce photographs.
@@ -151,16 +151,17 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Writes `pair.txt` of the views that have a depth map. That there are none is an error.
+    /// Writes `pair.txt` of the views that have a depth map, and which have none. That none has one is an error.
     fn finish(self) -> Result<DepthSummary, VamvsError> {
         let there: Vec<usize> = (0..self.names.len()).filter(|view| !self.left_out.contains(view)).collect();
-        if let (true, Some((name, reason))) = (there.is_empty(), self.summary.skipped.first()) {
-            return Err(VamvsError::Request(format!("no depth map could be made: {name}: {reason}")));
+        if let (true, Some(LeftOut { view, reason })) = (there.is_empty(), self.summary.skipped.first()) {
+            return Err(VamvsError::Request(format!("no depth map could be made: {view}: {reason}")));
         }
         let names: Vec<&str> = there.iter().map(|&view| self.names[view].as_str()).collect();
         let place = |view: &usize| there.binary_search(view).ok();
         let neighbours = |&view: &usize| self.job.plan.neighbours[view].iter().filter_map(place).collect();
         self.job.output.write_pairs(&names, &there.iter().map(neighbours).collect::<Vec<_>>())?;
+        self.job.output.write_left_out(&self.summary.skipped)?;
         Ok(self.summary)
     }
 
@@ -173,7 +174,7 @@ impl Run<'_> {
     ) -> Result<(), VamvsError> {
         on_event(Event::Warning(format!("{name} is left out: {reason}")));
         self.left_out.insert(view);
-        self.summary.skipped.push((name, reason));
+        self.summary.skipped.push(LeftOut { view: name, reason });
         self.job.output.discard(&self.names[view])
     }
 

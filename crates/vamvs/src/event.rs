@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use crate::output::LeftOut;
+
 /// Progress of the pipeline; front ends draw it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
@@ -41,4 +43,11 @@ pub enum Event {
         /// How many there will be.
         total: usize,
     },
+}
+
+impl Event {
+    /// The warning that a view is left out.
+    pub(crate) fn left_out(LeftOut { view, reason }: &LeftOut) -> Self {
+        Self::Warning(format!("{view} is left out: {reason}"))
+    }
 }

@@ -7,6 +7,7 @@ use vamvs_fusion::{FuseEvent, FuseJob, FusedPoints, MapSource, ViewReport};
 
 use crate::export::Exporter;
 use crate::memory::spelled;
+use crate::output::LeftOut;
 use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError};
 
 /// The part of the memory that is left for what nobody counts, as 1 over this.
@@ -23,8 +24,8 @@ pub struct FuseSummary {
     pub fusing: Duration,
     /// Time to write what other programs get.
     pub exporting: Duration,
-    /// Views that can have no point, with the reason: too few others see the same surfaces.
-    pub skipped: Vec<(String, String)>,
+    /// Views that can have no point: their depth maps cannot be read, or too few others see the same surfaces.
+    pub skipped: Vec<LeftOut>,
 }
 
 impl FuseSummary {
@@ -50,10 +51,9 @@ pub fn fuse(
     on_event: &mut dyn FnMut(Event),
 ) -> Result<FuseSummary, VamvsError> {
     let neighbours = maps.neighbours(options.neighbours);
-    let skipped = alone(maps, &neighbours, options.filter.min_views);
-    for (name, reason) in &skipped {
-        on_event(Event::Warning(format!("{name} is left out: {reason}")));
-    }
+    let alone = alone(maps, &neighbours, options.filter.min_views);
+    alone.iter().for_each(|view| on_event(Event::left_out(view)));
+    let skipped = [maps.left_out(), &alone].concat();
     let mut exporter = Exporter::begin(maps, cloud, exports)?;
     let memory = options.max_memory.left() - options.max_memory.left() / SPARE;
     let job = FuseJob {
@@ -81,8 +81,8 @@ pub fn fuse(
     Ok(FuseSummary { points, views, skipped, fusing, exporting: begin.elapsed() - fusing })
 }
 
-/// The views of which no point can be confirmed, with the reason.
-fn alone(maps: &Maps, neighbours: &[Vec<usize>], min_views: usize) -> Vec<(String, String)> {
+/// The views of which no point can be confirmed.
+fn alone(maps: &Maps, neighbours: &[Vec<usize>], min_views: usize) -> Vec<LeftOut> {
     let views = maps.names().iter().zip(neighbours);
     let alone = views.filter(|(_, others)| others.len() + 1 < min_views);
     let reason = |count| {
@@ -90,7 +90,7 @@ fn alone(maps: &Maps, neighbours: &[Vec<usize>], min_views: usize) -> Vec<(Strin
             "{count} other view(s) see the same surfaces, and {min_views} must agree on a point, its own included (--min-views)"
         )
     };
-    alone.map(|(name, others)| (name.clone(), reason(others.len()))).collect()
+    alone.map(|(name, others)| LeftOut { view: name.clone(), reason: reason(others.len()) }).collect()
 }
 
 /// Tells of depth maps that took more than they should.

@@ -34,6 +34,15 @@ pub struct Record {
     pub sources: Vec<String>,
 }
 
+/// A view that has no part in a result.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// The view's name.
+    pub view: String,
+    /// Why.
+    pub reason: String,
+}
+
 /// A depth map's files, complete.
 #[derive(Clone, Debug)]
 pub struct SavedMap<'a> {
@@ -92,6 +101,11 @@ impl OutputFolder {
     #[must_use]
     pub fn pairs(&self) -> PathBuf {
         self.root.join("pair.txt")
+    }
+
+    /// `left-out.json`: the views that have no depth map although the scene has them.
+    fn left_out_file(&self) -> PathBuf {
+        self.root.join("left-out.json")
     }
 
     fn cam(&self, name: &str) -> PathBuf {
@@ -162,6 +176,24 @@ impl OutputFolder {
     /// If it cannot be removed.
     pub fn remove_pairs(&self) -> Result<(), VamvsError> {
         remove(&self.pairs())
+    }
+
+    /// Keeps which views have no depth map, and why; no file if all have one.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write_left_out(&self, views: &[LeftOut]) -> Result<(), VamvsError> {
+        let file = self.left_out_file();
+        if views.is_empty() { remove(&file) } else { write_json(&file, &views) }
+    }
+
+    /// The views that have no depth map, with the reasons, as the run that made the others said it.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or is none of ours.
+    pub fn left_out(&self) -> Result<Vec<LeftOut>, VamvsError> {
+        let file = self.left_out_file();
+        if file.is_file() { read_json(&file) } else { Ok(Vec::new()) }
     }
 
     /// Depth maps of other views in the same folder would be fused with these.

@@ -80,7 +80,7 @@ fn estimator(settings: &Settings, progress: &Progress) -> Result<Estimator> {
     let wanted = settings.depth.iterations.unwrap_or(available);
     if wanted > available {
         bail!(
-            "{wanted} iterations are asked for, but the network {} has {available}",
+            "{wanted} iterations are asked for, but the network {} has {available} (--iterations)",
             network.manifest().name
         );
     }
@@ -136,7 +136,7 @@ pub fn as_json(summary: &DepthSummary) -> serde_json::Value {
     json!({
         "made": summary.made,
         "resumed": summary.resumed,
-        "skipped": summary.skipped.iter().map(|(name, reason)| json!({"view": name, "reason": reason})).collect::<Vec<_>>(),
+        "skipped": summary.skipped,
         "seconds": serde_json::Map::from_iter(stages.into_iter().chain(files)),
     })
 }

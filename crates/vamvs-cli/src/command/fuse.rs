@@ -9,7 +9,7 @@ use vamvs::io::masks::Masks;
 use vamvs::{FuseSummary, Maps};
 
 use super::report;
-use crate::arguments::FuseArguments;
+use crate::arguments::{CommonFlags, FuseArguments};
 use crate::progress::Progress;
 use crate::settings::{Settings, roi, set};
 use crate::timing::Timing;
@@ -22,7 +22,7 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     settings.use_threads()?;
     settings.apply_export(&arguments.export);
     let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
-    let maps = Maps::open(&arguments.depths, masks(arguments)?, &mut |event| progress.show(event))?;
+    let maps = open(&arguments.depths, masks(arguments)?, &arguments.common, &progress)?;
     let cloud = arguments.out.clone().unwrap_or_else(|| maps.default_cloud());
     let fused = merge(&maps, &cloud, &settings, &progress)?;
     timing.add_fusion(&fused);
@@ -36,6 +36,14 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
         println!("{}", cloud.display());
     }
     super::expect_all_views(&arguments.common, &fused.skipped)
+}
+
+/// The depth maps in a folder that can be read; with `--strict` all must be.
+pub fn open(folder: &Path, masks: Masks, common: &CommonFlags, progress: &Progress) -> Result<Maps> {
+    let mut show = |event| progress.show(event);
+    let maps = Maps::open(folder, masks, &mut show)?.readable(&mut show)?;
+    super::expect_all_views(common, maps.left_out())?;
+    Ok(maps)
 }
 
 /// The masks of the folder's own images, if there are any.
@@ -59,6 +67,9 @@ pub fn merge(maps: &Maps, cloud: &Path, settings: &Settings, progress: &Progress
         );
     }
     progress.say(&fused.total().to_string());
+    if !fused.skipped.is_empty() {
+        progress.say(&format!("{} views left out", fused.skipped.len()));
+    }
     say_exports(cloud, settings, progress);
     Ok(fused)
 }
@@ -80,8 +91,6 @@ fn say_exports(cloud: &Path, settings: &Settings, progress: &Progress) {
 pub fn as_json(fused: &FuseSummary) -> serde_json::Value {
     let views: Vec<_> =
         fused.views.iter().map(|(name, report)| json!({"view": name, "pixels": report})).collect();
-    let skipped: Vec<_> =
-        fused.skipped.iter().map(|(name, reason)| json!({"view": name, "reason": reason})).collect();
     let seconds = json!({"fuse": fused.fusing.as_secs_f64(), "export": fused.exporting.as_secs_f64()});
-    json!({"points": fused.points, "total": fused.total(), "views": views, "skipped": skipped, "seconds": seconds})
+    json!({"points": fused.points, "total": fused.total(), "views": views, "skipped": fused.skipped, "seconds": seconds})
 }

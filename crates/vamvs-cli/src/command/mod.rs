@@ -16,6 +16,7 @@ mod synth;
 mod train;
 
 use anyhow::{Result, bail};
+use vamvs::output::LeftOut;
 
 use crate::arguments::{Arguments, Command, CommonFlags};
 
@@ -40,10 +41,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// With `--strict` it is an error that views were left out, given with their reasons.
-fn expect_all_views(common: &CommonFlags, left_out: &[(String, String)]) -> Result<()> {
+/// With `--strict` it is an error that views were left out.
+fn expect_all_views(common: &CommonFlags, left_out: &[LeftOut]) -> Result<()> {
     if common.strict && !left_out.is_empty() {
-        let views: Vec<String> = left_out.iter().map(|(name, reason)| format!("{name}: {reason}")).collect();
+        let views: Vec<String> =
+            left_out.iter().map(|LeftOut { view, reason }| format!("{view}: {reason}")).collect();
         bail!("{} view(s) were left out, and --strict allows none: {}", views.len(), views.join("; "));
     }
     Ok(())

@@ -132,6 +132,14 @@ fn a_corrupt_photograph_is_named_and_its_view_left_out() {
     assert!(pairs.starts_with("2\n"), "{pairs}");
     let said = scene.error("depth", &[&QUICK[..], &["--strict"]].concat());
     assert!(said.contains("0001.png"), "{said}");
+    let page = || {
+        expect_success(&vamvs().arg("report").arg(scene.out()).output().unwrap());
+        std::fs::read_to_string(scene.out().join("report.html")).unwrap()
+    };
+    assert!(page().contains("Views left out") && page().contains("<td>0001.png</td>"));
+    write(&scene.path("images/0001.png"), &bytes);
+    expect_success(&scene.run("depth", &QUICK));
+    assert!(!page().contains("Views left out"));
 }
 
 #[test]

@@ -98,11 +98,45 @@ fn folders_that_are_none_and_broken_maps_are_named() {
     let missing = error_of(&vamvs().arg("fuse").arg(scene.path("nothing")).output().unwrap());
     assert!(missing.contains("nothing") && missing.contains("depths/"), "{missing}");
     let folder = true_maps(&scene);
-    let bytes = std::fs::read(folder.depth("0001")).unwrap();
-    write(&folder.depth("0001"), &bytes[..bytes.len() / 2]);
+    ["0001", "0002"].iter().for_each(|name| truncate(&folder.depth(name)));
     let broken = error_of(&vamvs().arg("fuse").arg(folder.root()).output().unwrap());
-    assert!(broken.contains("0001.pfm"), "{broken}");
+    assert!(broken.contains("0001.pfm") && broken.contains("0002.pfm"), "{broken}");
+    assert!(broken.contains("at least 2"), "{broken}");
     assert!(!folder.cloud().exists());
+}
+
+/// Leaves half of a file.
+fn truncate(path: &std::path::Path) {
+    let bytes = std::fs::read(path).unwrap();
+    write(path, &bytes[..bytes.len() / 2]);
+}
+
+#[test]
+fn damaged_maps_are_left_out_as_if_they_were_not_there_and_told() {
+    let scene = Scene::new(96, 64, 6);
+    let folder = true_maps(&scene);
+    truncate(&folder.depth("0001"));
+    let small = Grid::filled(vamvs::core::Size::new(9, 9), 1.0);
+    vamvs::io::pfm::write(&folder.confidence("0003"), &small).unwrap();
+    let fuse = |arguments: &[&str]| {
+        vamvs().arg("fuse").arg(folder.root()).args(["--min-views", "2"]).args(arguments).output().unwrap()
+    };
+    let strict = error_of(&fuse(&["--strict"]));
+    assert!(strict.contains("--strict") && strict.contains("0001.pfm"), "{strict}");
+    assert!(!folder.cloud().exists());
+    let output = fuse(&["--json"]);
+    expect_success(&output);
+    let said = stderr(&output);
+    assert!(said.contains("warning: 0001 is left out") && said.contains("2 views left out"), "{said}");
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let reason = |view: usize| told["skipped"][view]["reason"].as_str().unwrap();
+    assert!(reason(0).contains("0001.pfm") && reason(1).contains("9×9"), "{told}");
+    let page = std::fs::read_to_string(folder.root().join("report.html")).unwrap();
+    assert!(page.contains("Views left out") && page.matches("0001.pfm").count() == 1);
+    let without = std::fs::read(folder.cloud()).unwrap();
+    ["0001", "0003"].iter().for_each(|name| std::fs::remove_file(folder.depth(name)).unwrap());
+    expect_success(&fuse(&[]));
+    assert!(std::fs::read(folder.cloud()).unwrap() == without);
 }
 
 #[test]

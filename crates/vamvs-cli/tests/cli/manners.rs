@@ -44,6 +44,37 @@ fn an_interrupted_run_says_how_to_go_on_and_leaves_nothing_half_written() {
     assert_eq!((&told["made"], &told["kept"]), (&0.into(), &2.into()));
 }
 
+/// The farewell cannot be said, since nobody reads what is in the pipe already: the first Ctrl-C waits forever.
+#[cfg(unix)]
+#[test]
+fn a_second_interruption_ends_at_once() {
+    use std::io::Write;
+    use std::process::{Command, Stdio};
+    use std::time::Duration;
+    let scene = Scene::new(96, 64, 3);
+    let set = scene.path("set");
+    let (_unread, mut pipe) = std::io::pipe().unwrap();
+    let mut run = vamvs();
+    run.args(["synth", "--quiet", "--views", "3", "--size", "64x48", "--samples", "2", "--styles", "facade"]);
+    run.args(["--scenes", "100000", "--out"]).arg(&set);
+    let mut run = run.stdout(Stdio::null()).stderr(pipe.try_clone().unwrap()).spawn().unwrap();
+    std::thread::spawn(move || while pipe.write_all(&[b' '; 4096]).is_ok() {});
+    while !set.join("scene-00001/scene.json").exists() {
+        assert!(run.try_wait().unwrap().is_none(), "the run ended by itself");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let mut interrupt = || {
+        assert!(Command::new("kill").arg("-INT").arg(run.id().to_string()).status().unwrap().success());
+        std::thread::sleep(Duration::from_millis(500));
+        run.try_wait().unwrap()
+    };
+    assert_eq!(interrupt(), None, "the first waits for the pipe");
+    // The second ends it; more only if the first has not been noticed yet.
+    let ended = (0..20).find_map(|_| interrupt());
+    run.kill().unwrap();
+    assert_eq!(ended.and_then(|status| status.code()), Some(130));
+}
+
 #[test]
 fn a_pipe_gets_plain_lines_a_table_of_times_and_no_codes() {
     let scene = Scene::new(96, 64, 3);

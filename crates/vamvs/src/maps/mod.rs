@@ -12,7 +12,8 @@ use vamvs_io::masks::{self, Masks};
 use vamvs_io::ply::Coordinates;
 use vamvs_io::{image, pfm};
 
-use crate::output::{Record, names};
+use crate::export::for_all_views;
+use crate::output::{LeftOut, Record, names};
 use crate::{Event, OutputFolder, VamvsError};
 use layout::Layout;
 
@@ -27,6 +28,7 @@ pub struct Maps {
     names: Vec<String>,
     files: Vec<MapFiles>,
     masks: Masks,
+    left_out: Vec<LeftOut>,
 }
 
 /// The files of one view.
@@ -63,10 +65,7 @@ impl Maps {
             let text = format!("{missing} view(s) have a camera but no depth map and are left out");
             on_event(Event::Warning(text));
         }
-        if kept.len() < 2 {
-            let problem = format!("expected depth maps of at least 2 of the views, found {}", kept.len());
-            return Err(VamvsError::Folder { path: layout.depths(), problem });
-        }
+        expect_two(kept.len(), &layout.depths())?;
         Ok(Self {
             own: layout.own().cloned(),
             root: layout.root().to_owned(),
@@ -75,7 +74,35 @@ impl Maps {
             files: files.into_iter().flatten().collect(),
             scene,
             masks,
+            left_out: Vec::new(),
         })
+    }
+
+    /// The same depth maps without those that cannot be read or do not fit together, of which a warning tells.
+    /// It reads all of them.
+    ///
+    /// # Errors
+    /// If fewer than two remain.
+    pub fn readable(mut self, on_event: &mut dyn FnMut(Event)) -> Result<Self, VamvsError> {
+        let problem = |view: usize| Ok(self.load(view).err().map(|error| error.in_full()));
+        let problems = for_all_views(self.len(), problem, &mut |_| ())?;
+        let kept: Vec<usize> = (0..self.len()).filter(|&view| problems[view].is_none()).collect();
+        let names = self.names.iter().cloned().zip(problems);
+        let left_out: Vec<LeftOut> =
+            names.filter_map(|(view, problem)| Some(LeftOut { view, reason: problem? })).collect();
+        left_out.iter().for_each(|view| on_event(Event::left_out(view)));
+        expect_two(kept.len(), &self.root)?;
+        self.scene = only(&self.scene, &kept);
+        self.cameras = kept.iter().map(|&view| self.cameras[view]).collect();
+        self.names = kept.iter().map(|&view| self.names[view].clone()).collect();
+        self.files = kept.iter().map(|&view| self.files[view].clone()).collect();
+        Ok(Self { left_out, ..self })
+    }
+
+    /// The views that [`Maps::readable`] left out.
+    #[must_use]
+    pub fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
     }
 
     /// Whether there are depth maps in one of the layouts.
@@ -191,8 +218,18 @@ impl MapSource for Maps {
         let size = map.depth.size();
         let colour = image::load_rgb(&self.files[view].image)?;
         let colour = if colour.size() == size { colour } else { image::resize(&colour, size) };
-        Ok(FusionView { colour, mask: self.mask(view, size)?, map })
+        let loaded = FusionView { colour, mask: self.mask(view, size)?, map };
+        loaded.check(view)?;
+        Ok(loaded)
     }
+}
+
+fn expect_two(count: usize, path: &Path) -> Result<(), VamvsError> {
+    if count >= 2 {
+        return Ok(());
+    }
+    let problem = format!("expected depth maps of at least 2 of the views that can be read, found {count}");
+    Err(VamvsError::Folder { path: path.to_owned(), problem })
 }
 
 fn pinhole(camera: &Camera, path: &Path) -> Result<Pinhole, VamvsError> {

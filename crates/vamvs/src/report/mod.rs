@@ -14,7 +14,8 @@ use vamvs_io::{IoError, ply};
 use vamvs_picture::number::{grouped, percent};
 use vamvs_picture::{CloudView, Legend, Page, Scale, Share, ShownCamera};
 
-use crate::{Event, Maps, VamvsError};
+use crate::output::LeftOut;
+use crate::{Event, Maps, OutputFolder, VamvsError};
 pub use record::{FusedView, FusionRecord};
 use view::ViewPanel;
 
@@ -27,7 +28,7 @@ const COLOURS: [&str; 7] =
 /// # Errors
 /// If the folder holds no depth maps, a file is missing or malformed, or the page cannot be written.
 pub fn write(folder: &Path, on_event: &mut dyn FnMut(Event)) -> Result<PathBuf, VamvsError> {
-    let maps = Maps::open(folder, Masks::None, &mut |_| ())?;
+    let maps = Maps::open(folder, Masks::None, &mut |_| ())?.readable(&mut |_| ())?;
     let path = maps.root().join("report.html");
     Report::open(&maps)?.page(on_event)?.save(&path)?;
     Ok(path)
@@ -39,6 +40,8 @@ struct Report<'a> {
     fusion: Option<FusionRecord>,
     /// `run.toml`, if there is one.
     settings: Option<String>,
+    /// Views that have no depth map, none that can be read, or no points.
+    left_out: Vec<LeftOut>,
 }
 
 impl<'a> Report<'a> {
@@ -46,7 +49,9 @@ impl<'a> Report<'a> {
         let settings = maps.root().join("run.toml");
         let read = |source| IoError::System { action: "read", path: settings.clone(), source };
         let text = settings.is_file().then(|| std::fs::read_to_string(&settings).map_err(read));
-        Ok(Self { maps, fusion: FusionRecord::load(maps.root())?, settings: text.transpose()? })
+        let fusion = FusionRecord::load(maps.root())?;
+        let left_out = left_out(maps, fusion.as_ref())?;
+        Ok(Self { maps, fusion, settings: text.transpose()?, left_out })
     }
 
     fn page(&self, on_event: &mut dyn FnMut(Event)) -> Result<Page, VamvsError> {
@@ -54,6 +59,7 @@ impl<'a> Report<'a> {
         self.totals(&mut page);
         self.cloud(&mut page)?;
         self.views(&mut page, on_event)?;
+        self.left_out(&mut page);
         self.fates(&mut page);
         self.settings(&mut page);
         Ok(page)
@@ -128,6 +134,15 @@ impl<'a> Report<'a> {
         Ok(())
     }
 
+    fn left_out(&self, page: &mut Page) {
+        if self.left_out.is_empty() {
+            return;
+        }
+        page.heading("Views left out");
+        let row = |view: &LeftOut| vec![view.view.clone(), view.reason.clone()];
+        page.table(&["view", "why"], &self.left_out.iter().map(row).collect::<Vec<_>>());
+    }
+
     fn fates(&self, page: &mut Page) {
         let Some(fusion) = &self.fusion else { return };
         page.heading("What became of the pixels");
@@ -156,6 +171,19 @@ impl<'a> Report<'a> {
             None => page.paragraph("There is no run.toml that tells how the depth maps were made."),
         }
     }
+}
+
+/// The views that the run that made the depth maps left out, those whose depth maps cannot be read, and those
+/// that fusion left out, each once for a reason.
+fn left_out(maps: &Maps, fusion: Option<&FusionRecord>) -> Result<Vec<LeftOut>, VamvsError> {
+    let mut all = OutputFolder::new(maps.root()).left_out()?;
+    let later = maps.left_out().iter().chain(fusion.map_or(&[][..], |fusion| &fusion.left_out));
+    for view in later {
+        if !all.contains(view) {
+            all.push(view.clone());
+        }
+    }
+    Ok(all)
 }
 
 /// What became of pixels, as shares.

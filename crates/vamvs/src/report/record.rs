@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use vamvs_fusion::ViewReport;
 
-use crate::output::{read_json, write_json};
+use crate::output::{LeftOut, read_json, write_json};
 use crate::{FuseSummary, FusionOptions, Maps, VamvsError};
 
 /// The file's name.
@@ -20,6 +20,9 @@ pub struct FusionRecord {
     pub options: FusionOptions,
     /// What became of the pixels of each view.
     pub views: Vec<FusedView>,
+    /// The views that can have no point.
+    #[serde(default)]
+    pub left_out: Vec<LeftOut>,
 }
 
 /// What became of a view's pixels.
@@ -43,6 +46,7 @@ impl FusionRecord {
             cloud: cloud.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             options: options.clone(),
             views: fused.views.iter().map(view).collect(),
+            left_out: fused.skipped.clone(),
         })
     }
 
