@@ -6,7 +6,7 @@ import torch
 
 from layers import NORMS
 from photometric import Photometric
-from va_point_mvsnet import AGGREGATIONS, VaPointMvsNet
+from va_point_mvsnet import AGGREGATIONS, HYPOTHESES, NEIGHBOURS, VaPointMvsNet
 
 
 def main() -> None:
@@ -15,11 +15,27 @@ def main() -> None:
     parser.add_argument("out", help="the .pt file to write")
     parser.add_argument("--norm", choices=NORMS, default="batch", help="normalisation of the learned networks")
     parser.add_argument("--thin", type=int, default=1, help="divide all channels by this: small networks to test with")
+    parser.add_argument("--neighbours", type=int, default=NEIGHBOURS, help="of a point; 1: itself alone")
+    parser.add_argument(
+        "--hypotheses", type=int, default=HYPOTHESES, help="to each side of a point; 0: regress the offset directly"
+    )
+    parser.add_argument("--no-plane-depth", action="store_true", help="vis-var: visibility without the plane's depth")
+    parser.add_argument("--no-image-features", action="store_true", help="points know their position alone")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
     arguments = parser.parse_args()
     torch.manual_seed(arguments.seed)
-    photometric = arguments.network == "photometric"
-    module = Photometric() if photometric else VaPointMvsNet(arguments.network, arguments.norm, arguments.thin)
+    if arguments.network == "photometric":
+        module = Photometric()
+    else:
+        module = VaPointMvsNet(
+            arguments.network,
+            arguments.norm,
+            arguments.thin,
+            arguments.neighbours,
+            arguments.hypotheses,
+            not arguments.no_plane_depth,
+            not arguments.no_image_features,
+        )
     torch.jit.script(module.eval()).save(arguments.out)
 
 

@@ -178,16 +178,30 @@ class VaPointMvsNet(nn.Module):
     """The whole network with one of the six aggregations of figure 3.
 
     All hidden layers have the paper's number of channels divided by `thin`, which is 1 but for small
-    networks to test with.
+    networks to test with. The other options leave out or change a part, for the paper's ablations:
+    `neighbours` of a point (1: itself alone), `hypotheses` to each side of it (0: the offset is regressed
+    directly, table 8), the plane's depth where visibility is predicted (table 3), the image features of the
+    points (table 6).
     """
 
     pairwise: Final[bool]  # vis-avg, vis-max: views are related to the reference one by one
     weighted: Final[bool]  # vis-var: views are weighted by what they see
+    plane_depth: Final[bool]
 
-    def __init__(self, aggregation: str = "vis-max", norm: str = "batch", thin: int = 1) -> None:
+    def __init__(
+        self,
+        aggregation: str = "vis-max",
+        norm: str = "batch",
+        thin: int = 1,
+        neighbours: int = NEIGHBOURS,
+        hypotheses: int = HYPOTHESES,
+        plane_depth: bool = True,
+        image_features: bool = True,
+    ) -> None:
         super().__init__()
         if aggregation not in AGGREGATIONS:
             raise ValueError(f"aggregation must be one of {AGGREGATIONS}, not {aggregation!r}")
+        self.plane_depth = plane_depth
         self.pairwise = aggregation in ("vis-avg", "vis-max")
         self.weighted = aggregation == "vis-var"
         self.about = json.dumps(
@@ -195,8 +209,8 @@ class VaPointMvsNet(nn.Module):
                 "contract": 1,
                 "name": f"va-point-mvsnet {aggregation}",
                 "aggregation": aggregation,
-                "neighbours": NEIGHBOURS,
-                "hypotheses": HYPOTHESES,
+                "neighbours": neighbours,
+                "hypotheses": hypotheses,
                 "flow_layers": 3,
                 "planes": 96,
                 "iterations": [{"scale": 8, "step": 1.0}, {"scale": 4, "step": 0.75}, {"scale": 2, "step": 0.15}],
@@ -210,12 +224,14 @@ class VaPointMvsNet(nn.Module):
         self.coarse_images = ImageNet(norm, thin)
         self.flow_images = ImageNet(norm, thin)
         self.volume = VolumeNet(out, norm, thin)
-        self.flow_net = FlowNet((out if self.pairwise else flow_in) + POSITION_CHANNELS, norm, thin)
+        fetched = out if self.pairwise else flow_in
+        self.ignored = 0 if image_features else fetched  # of a point's channels, the first so many
+        self.flow_net = FlowNet(fetched - self.ignored + POSITION_CHANNELS, norm, thin)
         if self.pairwise:
             self.pair_coarse = PairMlp(out, out, (wide, wide, out), norm)
             self.pair_flow = PairMlp(flow_in, flow_in, (wide, wide, out), norm)
         if self.weighted:
-            self.pair_visibility = PairMlp(out, out + 1, (wide, wide, out), norm)
+            self.pair_visibility = PairMlp(out, out + plane_depth, (wide, wide, out), norm)
             head = mlp2d((out, out, 16 // thin, 4), norm)
             self.visibility_head = nn.Sequential(head, nn.Conv2d(4, 1, 1), nn.Sigmoid())
 
@@ -241,8 +257,9 @@ class VaPointMvsNet(nn.Module):
         if self.pairwise:
             return self.pair_coarse(ref.flatten(2), src.flatten(2)).view(d, -1, h, w)
         if self.weighted:
-            plane = depth[:, None, None].expand(d, 1, h * w)
-            seen = torch.cat((src.flatten(2), plane), dim=1)
+            seen = src.flatten(2)
+            if self.plane_depth:
+                seen = torch.cat((seen, depth[:, None, None].expand(d, 1, h * w)), dim=1)
             return self.pair_visibility(ref.flatten(2), seen).view(d, -1, h, w)
         raise RuntimeError("this aggregation relates no pairs of views")
 
@@ -264,7 +281,7 @@ class VaPointMvsNet(nn.Module):
 
     @torch.jit.export
     def flow(self, features: Tensor, neighbours: Tensor) -> Tensor:
-        scores = [self.flow_net(features[b].t(), neighbours[b]) for b in range(features.shape[0])]
+        scores = [self.flow_net(features[b, self.ignored :].t(), neighbours[b]) for b in range(features.shape[0])]
         return torch.stack(scores)
 
 

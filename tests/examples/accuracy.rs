@@ -29,8 +29,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         spacing: Spacing::Depth,
     };
     let mut profile = Profile::default();
-    let stages =
-        vamvs_net::tch::no_grad(|| estimator.stages(&encoded[reference], &sources, &planes, &mut profile))?;
+    let stages = vamvs_net::tch::no_grad(|| {
+        estimator.stages(&encoded[reference], &sources, &planes, None, &mut profile)
+    })?;
     let unit = (planes.range.far - planes.range.near) / (count - 1) as f64;
     println!("range {near} {far}, plane distance {unit:.4}");
     for (index, stage) in stages.iter().enumerate() {

@@ -72,7 +72,7 @@ fn gather_statistics(estimator: &Estimator, views: &[Rendered], planes: &Planes)
             let encode = |view: &Rendered| estimator.network().encode(&view.photo).unwrap();
             let views: Vec<_> = views.iter().map(encode).collect();
             let sources: Vec<_> = views[1..].iter().collect();
-            estimator.stages(&views[0], &sources, planes, &mut Profile::default()).unwrap();
+            estimator.stages(&views[0], &sources, planes, None, &mut Profile::default()).unwrap();
         }
     });
 }
@@ -104,7 +104,7 @@ fn gradients_of_every_stage_are_those_of_finite_differences() {
             };
             let coarse = |views: &[EncodedView]| {
                 let sources: Vec<_> = views[1..].iter().collect();
-                estimator.coarse(&views[0], &sources, &planes, &mut Profile::default()).unwrap()
+                estimator.coarse(&views[0], &sources, &planes, None, &mut Profile::default()).unwrap()
             };
             let parts = ["coarse_images", "volume", "pair_coarse", "pair_visibility", "visibility_head"];
             assert_gradient(network, &parts, || loss(&coarse(&encode()).map.u));

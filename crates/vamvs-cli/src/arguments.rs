@@ -15,6 +15,8 @@ use vamvs::MemoryLimit;
 
 #[cfg(feature = "net")]
 pub use calibrate::CalibrateArguments;
+#[cfg(feature = "net")]
+pub use eval::EvalNetworkArguments;
 pub use eval::{
     CloudPreset, DepthThresholdFlags, DtuFlags, EvalArguments, EvalCloudArguments, EvalCommand,
     EvalDepthArguments, EvalGeneralFlags, EvalSceneArguments, TntFlags,

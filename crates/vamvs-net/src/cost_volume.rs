@@ -29,7 +29,8 @@ pub struct CostVolume {
 }
 
 /// Sweeps `planes` through the features of the reference and its sources. A slab of warped features
-/// takes at most `slab_bytes`, or one plane if that is more.
+/// takes at most `slab_bytes`, or one plane if that is more. Where the aggregation weighs views, `seen` are
+/// masks to do it by, instead of the network's.
 ///
 /// # Errors
 /// If the module breaks its contract or memory runs out.
@@ -38,6 +39,7 @@ pub fn sweep(
     reference: &EncodedView,
     sources: &[&EncodedView],
     planes: &Planes,
+    seen: Option<Vec<Tensor>>,
     slab_bytes: usize,
 ) -> Result<CostVolume, NetError> {
     let lattice = PixelLattice::new(COARSE_SCALE, (0, 0), 1, reference.size_at(COARSE_SCALE));
@@ -48,7 +50,10 @@ pub fn sweep(
     let plane_bytes = reference.coarse.numel() * size_of::<f32>();
     let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
     let sweep = Sweep { network, reference, sources, planes, slab };
-    let visibility = sweep.visibility()?;
+    let visibility = match seen {
+        Some(seen) if network.manifest().aggregation.weighs_views() => seen,
+        _ => sweep.visibility()?,
+    };
     Ok(CostVolume { volume: sweep.volume(&visibility)?, visibility })
 }
 

@@ -105,7 +105,7 @@ impl EncodedView {
     }
 
     /// Size of the feature map at a stride.
-    pub(crate) fn size_at(&self, stride: usize) -> Size {
+    pub fn size_at(&self, stride: usize) -> Size {
         Size::new(self.padded.width / stride, self.padded.height / stride)
     }
 

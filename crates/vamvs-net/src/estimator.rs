@@ -100,7 +100,7 @@ impl Estimator {
     ) -> Result<DepthMap, NetError> {
         self.check(sources, planes)?;
         tch::no_grad(|| {
-            let stages = self.stages(reference, sources, planes, profile)?;
+            let stages = self.stages(reference, sources, planes, None, profile)?;
             self.depth_map(reference, planes, &stages)
         })
     }
@@ -116,7 +116,8 @@ impl Estimator {
         Ok(())
     }
 
-    /// The coarse map and the map after each iteration, in plane coordinates.
+    /// The coarse map and the map after each iteration, in plane coordinates; `seen` as for
+    /// [`Estimator::coarse`].
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -125,9 +126,10 @@ impl Estimator {
         reference: &EncodedView,
         sources: &[&EncodedView],
         planes: &Planes,
+        seen: Option<Vec<Tensor>>,
         profile: &mut Profile,
     ) -> Result<Vec<PlaneMap>, NetError> {
-        let Coarse { map, visibility } = self.coarse(reference, sources, planes, profile)?;
+        let Coarse { map, visibility } = self.coarse(reference, sources, planes, seen, profile)?;
         let mut stages = vec![map];
         for &iteration in &self.options.iterations {
             let stage = self.flow_stage(reference, sources, planes, &visibility, iteration);
@@ -138,7 +140,8 @@ impl Estimator {
         Ok(stages)
     }
 
-    /// The coarse map (sections 3.1 and 3.2).
+    /// The coarse map (sections 3.1 and 3.2). For vis-var, `seen` are visibility masks (1, 1, h, w), one a
+    /// source view, to be used instead of the network's own.
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -147,11 +150,11 @@ impl Estimator {
         reference: &EncodedView,
         sources: &[&EncodedView],
         planes: &Planes,
+        seen: Option<Vec<Tensor>>,
         profile: &mut Profile,
     ) -> Result<Coarse, NetError> {
-        let network = &self.network;
-        let cost = profile
-            .time(Stage::Sweep, || sweep(network, reference, sources, planes, self.options.slab_bytes))?;
+        let (network, slab) = (&self.network, self.options.slab_bytes);
+        let cost = profile.time(Stage::Sweep, || sweep(network, reference, sources, planes, seen, slab))?;
         let visibility = cost.visibility;
         let volume = cost.volume;
         let map = profile.time(Stage::Regularize, || {
@@ -225,7 +228,10 @@ impl Estimator {
 }
 
 /// A map (h, w) in memory.
-pub(crate) fn to_grid(map: &Tensor) -> Result<Grid<f32>, NetError> {
+///
+/// # Errors
+/// If `map` is not of two dimensions, or memory runs out.
+pub fn to_grid(map: &Tensor) -> Result<Grid<f32>, NetError> {
     let (height, width) = map.size2()?;
     let map = map.f_to_device(tch::Device::Cpu)?.f_contiguous()?.f_flatten(0, -1)?;
     Ok(Grid::from_vec(Size::new(width as usize, height as usize), Vec::<f32>::try_from(map)?))

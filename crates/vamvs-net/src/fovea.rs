@@ -62,7 +62,7 @@ impl Estimator {
         region: PixelBox,
         profile: &mut Profile,
     ) -> Result<Vec<Layer>, NetError> {
-        let coarse = self.coarse(reference, sources, planes, profile)?;
+        let coarse = self.coarse(reference, sources, planes, None, profile)?;
         let image = reference.camera.size;
         let whole = PixelBox { x0: 0, y0: 0, x1: image.width, y1: image.height };
         let (_, padded) = reference.cropped(&whole)?;

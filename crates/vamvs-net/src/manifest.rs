@@ -19,7 +19,8 @@ pub struct Manifest {
     pub aggregation: Aggregation,
     /// Nearest neighbours of a point, k.
     pub neighbours: usize,
-    /// Hypotheses to each side of a point, m.
+    /// Hypotheses to each side of a point, m; 0: `flow` gives the offset itself, in steps of the iteration
+    /// (direct regression, table 8).
     pub hypotheses: usize,
     /// How many times `flow` looks from a point to its neighbours: its receptive field in windows.
     pub flow_layers: usize,
@@ -63,9 +64,9 @@ impl Manifest {
                 manifest.contract
             )));
         }
-        if !(1..=64).contains(&manifest.neighbours) || !(1..=8).contains(&manifest.hypotheses) {
+        if !(1..=64).contains(&manifest.neighbours) || manifest.hypotheses > 8 {
             return Err(wrong(format!(
-                "has {} neighbours (expected 1 to 64) and {} hypotheses (expected 1 to 8)",
+                "has {} neighbours (expected 1 to 64) and {} hypotheses (expected 0 to 8)",
                 manifest.neighbours, manifest.hypotheses
             )));
         }

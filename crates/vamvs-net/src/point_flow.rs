@@ -110,13 +110,10 @@ impl FlowStage<'_> {
         profile.time(Stage::Flow, || {
             let scores = self.network.flow(&features, &neighbours)?; // (1, P)
             let scores = scores.f_view([-1, hypotheses])?.f_tr()?; // (J, h·w)
-            let flow = around(&scores.f_neg()?.f_softmax(0, Kind::Float)?)?;
-            let offset = flow.u.f_sub_scalar(m as f64)?.f_mul_scalar(self.iteration.step)?;
+            let flow = offset(&scores)?;
+            let moved = u.f_select(0, 0)?.f_add(&flow.u.f_mul_scalar(self.iteration.step)?)?;
             let shape = [height as i64, width as i64];
-            Ok(PlaneMap {
-                u: u.f_select(0, 0)?.f_add(&offset)?.f_view(shape)?,
-                confidence: flow.confidence.f_view(shape)?,
-            })
+            Ok(PlaneMap { u: moved.f_view(shape)?, confidence: flow.confidence.f_view(shape)? })
         })
     }
 
@@ -185,6 +182,18 @@ impl FlowStage<'_> {
         let indices = Tensor::f_from_slice(&indices)?.f_view([1, positions.len() as i64, k as i64])?;
         Ok(indices.f_to_device(points.device())?)
     }
+}
+
+/// The offset in steps that the scores (2m + 1, h·w) of the hypotheses tell, and its confidence: their
+/// expectation under softmax(−scores). A single score is the offset itself and says nothing of confidence.
+fn offset(scores: &Tensor) -> Result<PlaneMap, TchError> {
+    let hypotheses = scores.size()[0];
+    if hypotheses == 1 {
+        let u = scores.f_select(0, 0)?;
+        return Ok(PlaneMap { confidence: u.f_ones_like()?.f_detach()?, u });
+    }
+    let flow = around(&scores.f_neg()?.f_softmax(0, Kind::Float)?)?;
+    Ok(PlaneMap { u: flow.u.f_sub_scalar((hypotheses / 2) as f64)?, ..flow })
 }
 
 /// All levels at one grid, joined: (B, C₁ + C₂ + C₃, h·w).
@@ -273,6 +282,19 @@ mod tests {
                 assert_eq!(found, expected);
             }
         }
+    }
+
+    #[test]
+    fn offsets_are_expectations_over_hypotheses_or_the_single_score() {
+        let sharp = Tensor::from_slice(&[90.0_f32, 90.0, 90.0, 0.0, 90.0]).view([5, 1]);
+        let flow = offset(&sharp).unwrap();
+        assert!((flow.u.double_value(&[0]) - 1.0).abs() < 1e-6);
+        let even = offset(&Tensor::zeros([7, 1], (Kind::Float, tch::Device::Cpu))).unwrap();
+        assert!(even.u.double_value(&[0]).abs() < 1e-6);
+        assert!((even.confidence.double_value(&[0]) - 2.0 / 7.0).abs() < 1e-6);
+        let single = offset(&Tensor::from_slice(&[-0.7_f32, 0.2]).view([1, 2])).unwrap();
+        assert!((single.u.double_value(&[0]) + 0.7).abs() < 1e-6);
+        assert!((single.confidence.double_value(&[1]) - 1.0).abs() < 1e-6);
     }
 
     #[test]

@@ -1,12 +1,12 @@
 //! What a network's confidence is worth: fitted to how often its depths are right.
 
-use vamvs_core::{DepthMap, Grid, MonotoneMap};
+use vamvs_core::{DepthMap, MonotoneMap};
 use vamvs_eval::Reliability;
 use vamvs_eval::reliability::outcomes;
 use vamvs_net::{Estimator, Profile};
 
 use crate::sample::{Sample, whole};
-use crate::validate::{FAILURE, centres};
+use crate::validate::FAILURE;
 use crate::{Dataset, TrainError, Validation};
 
 /// Groups of pixels of neighbouring confidence whose shares are fitted.
@@ -43,7 +43,7 @@ pub fn calibrate(
         let (scene, view) = references[index * references.len() / count];
         let sample = whole(&dataset.scenes[scene], view, options)?;
         let map = estimate(estimator, &sample)?;
-        let truth = truth(&sample, &map);
+        let truth = sample.true_depths(sample.photos[0].camera.size.width / map.depth.width());
         let of_view = outcomes(&map.depth, &map.confidence, &truth, FAILURE);
         let set = if index % 2 == 0 { &mut fitted } else { &mut measured };
         set.extend(of_view);
@@ -60,16 +60,7 @@ pub fn calibrate(
 }
 
 fn estimate(estimator: &Estimator, sample: &Sample) -> Result<DepthMap, TrainError> {
-    let encode = |photo| estimator.network().encode(photo);
-    let views = tch::no_grad(|| sample.photos.iter().map(encode).collect::<Result<Vec<_>, _>>())?;
+    let views = tch::no_grad(|| sample.encode(estimator.network()))?;
     let sources: Vec<_> = views[1..].iter().collect();
     Ok(estimator.estimate(&views[0], &sources, &sample.planes, &mut Profile::default())?)
-}
-
-/// The true depths at the centres of a map's pixels, 0 where unknown.
-fn truth(sample: &Sample, map: &DepthMap) -> Grid<f32> {
-    let (image, size) = (sample.photos[0].camera.size, map.depth.size());
-    let scale = image.width / size.width;
-    let (xs, ys) = (centres(image.width, scale), centres(image.height, scale));
-    Grid::from_fn(size, |x, y| sample.truth.depth_at([xs[x], ys[y]]).unwrap_or(0.0) as f32)
 }

@@ -43,9 +43,10 @@ pub fn forward(
     profile: &mut Profile,
 ) -> Result<Output, TrainError> {
     let network = estimator.network();
-    let views = sample.photos.iter().map(|photo| network.encode(photo)).collect::<Result<Vec<_>, _>>()?;
+    let views = sample.encode(network)?;
     let (reference, sources) = (&views[0], views[1..].iter().collect::<Vec<_>>());
-    let coarse = estimator.coarse(reference, &sources, &sample.planes, profile)?;
+    let coarse =
+        estimator.coarse(reference, &sources, &sample.planes, sample.masks(network, reference)?, profile)?;
     let all = Lattice { scale: COARSE_SCALE, first: (0, 0) };
     let mut u = coarse.map.u.shallow_clone();
     let mut stages =
@@ -64,12 +65,14 @@ pub fn forward(
         });
         u = refined;
     }
-    let visibility = coarse.visibility.iter().enumerate();
-    let visibility = visibility.filter_map(|(source, mask)| {
-        let mask = mask.squeeze_dim(0).squeeze_dim(0);
-        all.seen(sample, source, &mask).map(|truth| Ok((mask, truth?)))
-    });
-    Ok(Output { visibility: visibility.collect::<Result<_, TrainError>>()?, stages })
+    let mut visibility = Vec::new();
+    for (source, mask) in coarse.visibility.iter().enumerate() {
+        let mask = mask.f_squeeze()?;
+        if let Some(truth) = sample.seen(source, &all.places(&mask)?, &mask)? {
+            visibility.push((mask, truth));
+        }
+    }
+    Ok(Output { visibility, stages })
 }
 
 /// Pixels of a map at 1/scale whose coordinates are ≡ `first` modulo 8 / scale.
@@ -104,24 +107,6 @@ impl Lattice {
         let [xs, ys] = self.places(like)?;
         let truth = sample.truth.coordinates(&xs, &ys, &sample.planes);
         Ok(Tensor::f_from_slice(&truth)?.f_view_as(like)?.f_to_device(like.device())?)
-    }
-
-    /// 1 where a source view sees what a pixel shows, 0 where not, NaN where nothing is known.
-    fn seen(self, sample: &Sample, source: usize, like: &Tensor) -> Option<Result<Tensor, TrainError>> {
-        use vamvs_core::Visibility::{None, Visible};
-        let places = match self.places(like) {
-            Ok(places) => places,
-            Err(error) => return Some(Err(error)),
-        };
-        let seen = sample.truth.seen(source, &places[0], &places[1])?;
-        let value = |seen| match seen {
-            None => f32::NAN,
-            Visible => 1.0,
-            _ => 0.0,
-        };
-        let values: Vec<f32> = seen.into_iter().map(value).collect();
-        let tensor = || Ok(Tensor::f_from_slice(&values)?.f_view_as(like)?.f_to_device(like.device())?);
-        Some(tensor())
     }
 }
 

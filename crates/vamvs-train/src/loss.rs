@@ -23,7 +23,7 @@ pub fn losses(output: &Output, hypotheses: usize, options: &LossOptions) -> Resu
     let mut total = Sum::default();
     let mut stages = Vec::new();
     for stage in &output.stages {
-        let reach = options.flow_reach * hypotheses as f64 * stage.step;
+        let reach = options.flow_reach * hypotheses.max(1) as f64 * stage.step;
         let loss = stage_loss(stage, reach)?;
         stages.push(loss.as_ref().map_or(f64::NAN, value));
         total.add(loss, 1.0)?;

@@ -43,6 +43,8 @@ pub struct SampleOptions {
     /// Deviation of the errors of the sources' cameras, pixels of the sample: estimated cameras are never
     /// exactly the true ones.
     pub camera_noise: f64,
+    /// Whether views are weighted by the true visibility instead of the network's (vis-var, table 2).
+    pub true_visibility: bool,
     /// Whether colours, exposure, noise and sharpness vary between views.
     pub augment: bool,
 }
@@ -111,6 +113,7 @@ impl Default for SampleOptions {
             min_scale: 0.5,
             range_jitter: 0.25,
             camera_noise: 0.3,
+            true_visibility: false,
             augment: true,
         }
     }

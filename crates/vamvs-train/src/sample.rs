@@ -3,11 +3,14 @@
 use nalgebra::Vector2;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use tch::{Kind, TchError, Tensor};
 use vamvs_core::depth_map::is_valid;
 use vamvs_core::lift::lift;
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Size, Spacing};
+use vamvs_core::{DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Size, Spacing, Visibility};
 use vamvs_io::{image, pfm, visibility};
+use vamvs_net::encode::COARSE_SCALE;
+use vamvs_net::{EncodedView, NetError, Network};
 
 use crate::TrainError;
 use crate::augment::{normal, retake};
@@ -39,6 +42,79 @@ pub struct Sample {
     pub truth: Truth,
     /// Two random numbers in [0, 1) for the forward pass: which pixels of fine maps it learns from.
     pub lattice: [f64; 2],
+    /// Whether views are weighted by the true visibility instead of the network's (vis-var, table 2).
+    pub true_visibility: bool,
+}
+
+impl Sample {
+    /// The features of all photographs, the reference's first.
+    ///
+    /// # Errors
+    /// If the module breaks its contract or memory runs out.
+    pub fn encode(&self, network: &Network) -> Result<Vec<EncodedView>, NetError> {
+        self.photos.iter().map(|photo| network.encode(photo)).collect()
+    }
+
+    /// The true depths at the centres of the pixels of a map at 1/scale, 0 where unknown.
+    #[must_use]
+    pub fn true_depths(&self, scale: usize) -> Grid<f32> {
+        let size = self.photos[0].camera.size;
+        let (xs, ys) = (centres(size.width, scale), centres(size.height, scale));
+        let at = |x: usize, y: usize| self.truth.depth_at([xs[x], ys[y]]).unwrap_or(0.0) as f32;
+        Grid::from_fn(Size::new(xs.len(), ys.len()), at)
+    }
+
+    /// What the source views see at the crossings of columns `xs` and rows `ys`, as masks of the shape of
+    /// `like`: 1 where a view sees the surface, 0 where not, NaN where nothing is known. `None` if the
+    /// scene does not tell.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn seen(
+        &self,
+        source: usize,
+        [xs, ys]: &[Vec<f64>; 2],
+        like: &Tensor,
+    ) -> Result<Option<Tensor>, TchError> {
+        let value = |seen| match seen {
+            Visibility::None => f32::NAN,
+            Visibility::Visible => 1.0,
+            _ => 0.0,
+        };
+        let Some(seen) = self.truth.seen(source, xs, ys) else { return Ok(None) };
+        let values: Vec<f32> = seen.into_iter().map(value).collect();
+        Ok(Some(Tensor::f_from_slice(&values)?.f_view_as(like)?.f_to_device(like.device())?))
+    }
+
+    /// The masks that views are to be weighted by, if they are to be the true ones: (1, 1, h, w) at 1/8 for
+    /// each source view, 1 where nothing is known.
+    ///
+    /// # Errors
+    /// If the scene does not tell the visibility.
+    pub fn masks(
+        &self,
+        network: &Network,
+        reference: &EncodedView,
+    ) -> Result<Option<Vec<Tensor>>, TrainError> {
+        if !self.true_visibility {
+            return Ok(None);
+        }
+        let size = reference.size_at(COARSE_SCALE);
+        let shape = [1, 1, size.height as i64, size.width as i64];
+        let like = Tensor::f_zeros(shape, (Kind::Float, network.device()))?;
+        let places = [size.width, size.height].map(|cells| centres(cells * COARSE_SCALE, COARSE_SCALE));
+        let mask = |source| match self.seen(source, &places, &like)? {
+            Some(mask) => Ok(mask.f_nan_to_num(1.0, None, None)?),
+            None => Err(TrainError::option("true-visibility", "scenes with visibility/", &"one without")),
+        };
+        (0..self.photos.len() - 1).map(mask).collect::<Result<_, _>>().map(Some)
+    }
+}
+
+/// Image coordinates of the centres of a map's pixels inside an image of `side` pixels.
+#[must_use]
+pub fn centres(side: usize, scale: usize) -> Vec<f64> {
+    (0..side / scale).map(|i| (i as f64 + 0.5) * scale as f64).collect()
 }
 
 /// Draws sample `number` of a run: a function of the seed and the number alone.
@@ -67,7 +143,8 @@ pub fn draw(
     }
     let planes = planes(&depth, &photos, options, &scene.views[reference], &mut rng)?;
     let truth = truth(&scene.views[reference], depth, &sources, &cut)?;
-    Ok(Sample { photos, planes, truth, lattice: [rng.random(), rng.random()] })
+    let lattice = [rng.random(), rng.random()];
+    Ok(Sample { photos, planes, truth, lattice, true_visibility: options.true_visibility })
 }
 
 /// A random number of sources, in random order.
@@ -313,5 +390,7 @@ pub fn whole(scene: &TrainingScene, reference: usize, options: &Validation) -> R
     let range = DepthRange { near: range.near / WIDER, far: range.far * WIDER };
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
     let planes = Planes::fitting(range, cameras[0], &cameras[1..], options.max_planes);
-    Ok(Sample { photos, planes, truth: truth(view, depth, &sources, &cut(view))?, lattice: [0.0; 2] })
+    let truth = truth(view, depth, &sources, &cut(view))?;
+    let true_visibility = options.true_visibility;
+    Ok(Sample { photos, planes, truth, lattice: [0.0; 2], true_visibility })
 }

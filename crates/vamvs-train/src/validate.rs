@@ -2,13 +2,13 @@
 //! what the source views see.
 
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
-use vamvs_core::{Grid, Photo, Planes, Size, Visibility};
+use vamvs_core::{Grid, Photo, Planes, Visibility};
+use vamvs_net::estimator::to_grid;
 use vamvs_net::{Estimator, Profile};
 
 use crate::TrainError;
 use crate::dataset::Dataset;
-use crate::sample::{Sample, whole};
+use crate::sample::{Sample, centres, whole};
 
 /// The paper's d for refined maps, in plane distances; for the coarse map it is 1.
 const REFINED_D: f64 = 0.375;
@@ -27,11 +27,13 @@ pub struct Validation {
     pub max_planes: usize,
     /// Reference views, spread evenly over the set.
     pub references: usize,
+    /// Whether views are weighted by the true visibility instead of the network's (vis-var).
+    pub true_visibility: bool,
 }
 
 impl Default for Validation {
     fn default() -> Self {
-        Self { views: 5, max_size: 512, max_planes: 96, references: 16 }
+        Self { views: 5, max_size: 512, max_planes: 96, references: 16, true_visibility: false }
     }
 }
 
@@ -132,27 +134,16 @@ pub fn validate(
 
 /// Plane coordinates after each stage.
 fn stages(estimator: &Estimator, sample: &Sample) -> Result<Vec<Grid<f32>>, TrainError> {
-    let network = estimator.network();
-    let views = sample.photos.iter().map(|photo| network.encode(photo)).collect::<Result<Vec<_>, _>>()?;
+    let views = sample.encode(estimator.network())?;
     let sources: Vec<_> = views[1..].iter().collect();
-    let maps = estimator.stages(&views[0], &sources, &sample.planes, &mut Profile::default())?;
-    maps.iter().map(|map| grid(&map.u)).collect()
-}
-
-fn grid(map: &Tensor) -> Result<Grid<f32>, TrainError> {
-    let (height, width) = map.size2()?;
-    let values = map.f_to_device(tch::Device::Cpu)?.f_contiguous()?.f_flatten(0, -1)?;
-    Ok(Grid::from_vec(Size::new(width as usize, height as usize), Vec::<f32>::try_from(values)?))
+    let masks = sample.masks(estimator.network(), &views[0])?;
+    let maps = estimator.stages(&views[0], &sources, &sample.planes, masks, &mut Profile::default())?;
+    Ok(maps.iter().map(|map| to_grid(&map.u)).collect::<Result<_, _>>()?)
 }
 
 /// By what the photograph's size was divided, padding included.
 fn scale_of(sample: &Sample, map: &Grid<f32>) -> usize {
     sample.photos[0].camera.size.width.next_multiple_of(8) / map.width()
-}
-
-/// Image coordinates of the centres of a map's pixels inside the photograph.
-pub(crate) fn centres(side: usize, scale: usize) -> Vec<f64> {
-    (0..side / scale).map(|i| (i as f64 + 0.5) * scale as f64).collect()
 }
 
 fn score(scores: &mut StageScores, sample: &Sample, map: &Grid<f32>, scale: usize, d: f64) {
@@ -178,14 +169,7 @@ fn score(scores: &mut StageScores, sample: &Sample, map: &Grid<f32>, scale: usiz
 
 fn example(sample: &Sample, maps: &[Grid<f32>], scale: usize) -> Example {
     let photo = sample.photos[0].clone();
-    let size = photo.camera.size;
-    let (xs, ys) = (centres(size.width, scale), centres(size.height, scale));
-    let truth = ys.iter().flat_map(|&y| xs.iter().map(move |&x| [x, y]));
-    let truth = truth.map(|place| sample.truth.depth_at(place).unwrap_or(0.0) as f32).collect();
+    let truth = sample.true_depths(scale);
     let depth = |planes: &Planes, u: f32| planes.depth(f64::from(u)) as f32;
-    Example {
-        photo,
-        truth: Grid::from_vec(Size::new(xs.len(), ys.len()), truth),
-        stages: maps.iter().map(|map| map.map(|&u| depth(&sample.planes, u))).collect(),
-    }
+    Example { photo, truth, stages: maps.iter().map(|map| map.map(|&u| depth(&sample.planes, u))).collect() }
 }

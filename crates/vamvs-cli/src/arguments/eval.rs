@@ -11,7 +11,8 @@ Examples:
   vamvs eval cloud out/fused.ply truth.ply --thresholds 0.01,0.02
   vamvs eval cloud scan1.ply stl001_total.ply --preset dtu --mask ObsMask1_10.mat --plane Plane1.mat
   vamvs eval cloud Barn.ply truth/Barn.ply --preset tnt --tau 0.01 --crop Barn.json --align Barn_trans.txt
-  vamvs eval scene out truth                              both, with a page of pictures: out/eval.html";
+  vamvs eval scene out truth                              both, with a page of pictures: out/eval.html
+  vamvs eval network vis-max my.pt --data held-out --views 3 5 7        networks side by side";
 
 /// `eval`.
 #[derive(Debug, Args)]
@@ -30,6 +31,9 @@ pub enum EvalCommand {
     Cloud(EvalCloudArguments),
     /// Depth maps and cloud of a scene against its true depth maps, with a page that shows the errors.
     Scene(EvalSceneArguments),
+    /// Networks on scenes with true depth: after each stage, and by what the source views see.
+    #[cfg(feature = "net")]
+    Network(EvalNetworkArguments),
 }
 
 /// `eval depth`.
@@ -158,6 +162,39 @@ pub struct EvalSceneArguments {
     /// How near is near.
     #[command(flatten)]
     pub thresholds: DepthThresholdFlags,
+    /// How results are told.
+    #[command(flatten)]
+    pub general: EvalGeneralFlags,
+}
+
+/// `eval network`.
+#[cfg(feature = "net")]
+#[derive(Debug, Args)]
+pub struct EvalNetworkArguments {
+    /// The networks: names of built-in ones, or files.
+    #[arg(value_name = "NAME|FILE.pt", required = true)]
+    pub networks: Vec<PathBuf>,
+    /// Scenes with true depths, or folders of such: of `vamvs synth`, BlendedMVS, DTU's training set.
+    #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
+    pub data: Vec<PathBuf>,
+    /// Views compared for a depth map, the reference included; several: one after the other.
+    #[arg(long, value_name = "N", num_args = 1.., default_values_t = [5])]
+    pub views: Vec<usize>,
+    /// Reference views, spread evenly over the scenes.
+    #[arg(long, value_name = "N", default_value_t = 16)]
+    pub references: usize,
+    /// Longer side to which photographs are reduced.
+    #[arg(long, value_name = "PIXELS", default_value_t = 512)]
+    pub max_size: usize,
+    /// Most planes; the range is a tenth wider than the truth's.
+    #[arg(long, value_name = "N", default_value_t = 96)]
+    pub max_planes: usize,
+    /// Weigh views by the scenes' true visibility instead of the network's (vis-var, an experiment).
+    #[arg(long)]
+    pub true_visibility: bool,
+    /// auto, cpu, cuda or cuda:N.
+    #[arg(long, value_name = "DEVICE", default_value = "auto")]
+    pub device: String,
     /// How results are told.
     #[command(flatten)]
     pub general: EvalGeneralFlags,

@@ -125,6 +125,9 @@ pub struct SampleFlags {
     /// Photographs as they are: no change of colours, exposure, sharpness, no noise.
     #[arg(long)]
     pub no_augmentation: bool,
+    /// Weigh views by the scenes' true visibility instead of the network's (vis-var, an experiment).
+    #[arg(long)]
+    pub true_visibility: bool,
 }
 
 /// What is written when.

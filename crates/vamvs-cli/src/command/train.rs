@@ -22,7 +22,11 @@ pub fn run(arguments: &TrainArguments) -> Result<()> {
         training: Dataset::open(&arguments.data)?,
         validation: Dataset::open(&arguments.validation)?,
         options: options(&arguments.training, &arguments.samples),
-        measure: Validation { references: arguments.watching.validation_views, ..Validation::default() },
+        measure: Validation {
+            references: arguments.watching.validation_views,
+            true_visibility: arguments.samples.true_visibility,
+            ..Validation::default()
+        },
         validate_every: arguments.watching.validate_every,
         checkpoint_every: pause.with_context(|| format!("--checkpoint-minutes {minutes} is no time"))?,
         out: arguments.out.clone(),
@@ -68,6 +72,7 @@ fn options(training: &TrainingFlags, samples: &SampleFlags) -> TrainOptions {
     set(&mut sample.range_jitter, samples.range_jitter);
     set(&mut sample.camera_noise, samples.camera_noise);
     sample.augment &= !samples.no_augmentation;
+    sample.true_visibility = samples.true_visibility;
     options
 }
 

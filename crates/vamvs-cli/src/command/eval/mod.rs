@@ -2,6 +2,8 @@
 
 mod cloud;
 mod depth;
+#[cfg(feature = "net")]
+mod network;
 mod scene;
 mod table;
 
@@ -19,6 +21,8 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
         EvalCommand::Depth(arguments) => depth::run(arguments),
         EvalCommand::Cloud(arguments) => cloud::run(arguments),
         EvalCommand::Scene(arguments) => scene::run(arguments),
+        #[cfg(feature = "net")]
+        EvalCommand::Network(arguments) => network::run(arguments),
     }
 }
 
