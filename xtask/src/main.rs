@@ -6,11 +6,11 @@ mod demo;
 mod frames;
 mod libtorch;
 mod maps;
+mod paper;
 mod picture;
 mod pip;
 mod real;
 mod report_check;
-mod score;
 mod setup;
 mod step;
 mod stress;
@@ -31,7 +31,7 @@ enum Command {
     Demo(demo::Demo),
     Picture(picture::Picture),
     Real(real::Real),
-    Score(score::Score),
+    Paper(paper::Paper),
     Bench(bench::Bench),
     Stress(stress::Stress),
     ReportCheck(report_check::ReportCheck),
@@ -44,7 +44,7 @@ fn main() -> ExitCode {
         Command::Demo(demo) => demo.run(),
         Command::Picture(picture) => picture.run(),
         Command::Real(real) => real.run(),
-        Command::Score(score) => score.run(),
+        Command::Paper(paper) => paper.run(),
         Command::Bench(bench) => bench.run(),
         Command::Stress(stress) => stress.run(),
         Command::ReportCheck(check) => check.run(),

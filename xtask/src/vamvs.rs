@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
-use serde::de::{DeserializeOwned, IgnoredAny};
+use serde::de::DeserializeOwned;
 use vamvs_fusion::ViewReport;
 
 use crate::setup;
@@ -60,20 +60,8 @@ pub fn reconstruct(arguments: &[impl AsRef<OsStr>], out: &Path) -> Result<Recons
     Ok(Reconstruction { summary, seconds: start.elapsed().as_secs_f64() })
 }
 
-/// Runs `vamvs depth` into the folder `out` and returns the time that it took, seconds.
-pub fn depth(arguments: &[impl AsRef<OsStr>], out: &Path) -> Result<f64> {
-    let start = Instant::now();
-    told::<IgnoredAny>(Command::new(binary()?).arg("depth").args(arguments).arg("--out").arg(out))?;
-    Ok(start.elapsed().as_secs_f64())
-}
-
-/// Runs `vamvs eval depth` and returns what it prints.
-pub fn eval_depth<T: DeserializeOwned>(maps: &Path, truth: &Path) -> Result<T> {
-    told(Command::new(binary()?).args(["eval", "depth"]).arg(maps).arg(truth))
-}
-
 /// Runs a command with `--json` and returns what it prints; its messages go to the terminal.
-fn told<T: DeserializeOwned>(command: &mut Command) -> Result<T> {
+pub fn told<T: DeserializeOwned>(command: &mut Command) -> Result<T> {
     command.arg("--json");
     println!("── {}", spelled(command));
     let output = command.stderr(Stdio::inherit()).output().context("vamvs could not be started")?;

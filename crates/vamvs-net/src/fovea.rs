@@ -13,7 +13,7 @@ use crate::estimator::to_grid;
 use crate::point_flow::enlarge;
 use crate::profile::Profile;
 use crate::project::depth_of;
-use crate::{EncodedView, Estimator, NetError};
+use crate::{Coarse, EncodedView, Estimator, NetError};
 
 /// What a region grows by, to each side, for every scale above the last: a share of its size.
 const GROWTH: f64 = 0.25;
@@ -32,9 +32,10 @@ struct Layer {
 }
 
 impl Estimator {
-    /// The depth map of `reference` with all iterations inside `region` (image pixels), and fewer outside:
-    /// there only every second, fourth … pixel of the map has a depth, as many as the iterations that
-    /// reached it resolve. Its size is that of [`Estimator::estimate`].
+    /// The depth of `reference` with all iterations inside `region` (image pixels), and fewer outside: one
+    /// depth map for each resolution, the coarsest first and the last of the size of
+    /// [`Estimator::estimate`]'s. Each has depth only where no finer one has, so together they show every
+    /// part of the image once. Without a region there is the map at 1/8 alone.
     ///
     /// # Errors
     /// As [`Estimator::estimate`], and if the region is outside of the image.
@@ -43,78 +44,84 @@ impl Estimator {
         reference: &EncodedView,
         sources: &[&EncodedView],
         planes: &Planes,
-        region: PixelBox,
+        region: Option<PixelBox>,
         profile: &mut Profile,
-    ) -> Result<DepthMap, NetError> {
+    ) -> Result<Vec<DepthMap>, NetError> {
         self.check(sources, planes)?;
         tch::no_grad(|| {
-            let layers = self.layers(reference, sources, planes, region, profile)?;
-            self.foveated_map(reference, planes, &layers)
+            let (layers, confidence) = self.layers(reference, sources, planes, region, profile)?;
+            let finer = layers.iter().skip(1).map(|layer| Some(layer.shown)).chain([None]);
+            let maps = layers.iter().zip(finer);
+            maps.map(|(layer, finer)| self.layer_map(reference, planes, layer, finer, &confidence)).collect()
         })
     }
 
-    /// The map of each iteration, the coarsest first.
+    /// The map of each resolution, the coarsest first, and the confidence of the coarse stage.
     fn layers(
         &self,
         reference: &EncodedView,
         sources: &[&EncodedView],
         planes: &Planes,
-        region: PixelBox,
+        region: Option<PixelBox>,
         profile: &mut Profile,
-    ) -> Result<Vec<Layer>, NetError> {
-        let coarse = self.coarse(reference, sources, planes, None, profile)?;
+    ) -> Result<(Vec<Layer>, Tensor), NetError> {
+        let Coarse { map, visibility } = self.coarse(reference, sources, planes, None, profile)?;
+        let confidence = map.confidence.shallow_clone();
         let image = reference.camera.size;
         let whole = PixelBox { x0: 0, y0: 0, x1: image.width, y1: image.height };
         let (_, padded) = reference.cropped(&whole)?;
-        let first = Layer { scale: COARSE_SCALE, computed: padded, shown: whole, map: coarse.map };
-        let mut layers = vec![first];
+        let mut last = Layer { scale: COARSE_SCALE, computed: padded, shown: whole, map };
+        let mut layers = Vec::new();
         let finest = self.options().iterations.last().map_or(COARSE_SCALE, |last| last.scale);
         for &iteration in &self.options().iterations {
-            let shown = match iteration.scale {
-                COARSE_SCALE => whole,
-                scale => grown(region, GROWTH * (scale / finest - 1) as f64, 0, image),
+            let shown = match (iteration.scale, region) {
+                (COARSE_SCALE, _) => whole,
+                (scale, Some(region)) => grown(region, GROWTH * (scale / finest - 1) as f64, 0, image),
+                (_, None) => break,
             };
             let (part, computed) = reference.cropped(&grown(shown, 0.0, MARGIN, image))?;
-            let before = &layers[layers.len() - 1];
-            let u = before.cut(computed)?;
-            let visibility = coarse.visibility.iter().map(|mask| cut(mask, 2, computed, COARSE_SCALE));
-            let visibility = visibility.collect::<Result<Vec<_>, NetError>>()?;
-            let stage = self.flow_stage(&part, sources, planes, &visibility, iteration);
-            let map = stage.refine(&u, profile)?;
-            layers.push(Layer { scale: iteration.scale, computed, shown, map });
+            let masks = visibility.iter().map(|mask| cut(mask, 2, computed, COARSE_SCALE));
+            let masks = masks.collect::<Result<Vec<_>, NetError>>()?;
+            let stage = self.flow_stage(&part, sources, planes, &masks, iteration);
+            let map = stage.refine(&last.cut(computed)?, profile)?;
+            let before = std::mem::replace(&mut last, Layer { scale: iteration.scale, computed, shown, map });
+            if before.scale != iteration.scale {
+                layers.push(before);
+            }
         }
-        Ok(layers)
+        layers.push(last);
+        Ok((layers, confidence))
     }
 
-    fn foveated_map(
+    /// A layer as a depth map of the whole image, with depth where the layer is shown and no `finer` one.
+    fn layer_map(
         &self,
         reference: &EncodedView,
         planes: &Planes,
-        layers: &[Layer],
+        layer: &Layer,
+        finer: Option<PixelBox>,
+        coarse_confidence: &Tensor,
     ) -> Result<DepthMap, NetError> {
-        let (first, last) = (&layers[0], &layers[layers.len() - 1]);
-        let (image, scale) = (reference.camera.size, last.scale);
+        let Layer { scale, computed, shown, ref map } = *layer;
+        let (image, ratio) = (reference.camera.size, 1.0 / scale as f64);
         let size = Size::new(image.width / scale, image.height / scale);
-        let mut depth = Grid::filled(size, 0.0);
-        let mut confidence = Grid::filled(size, 0.0);
-        for (index, layer) in layers.iter().enumerate() {
-            let of_layer = depth_of(planes, &layer.map.u)?.f_mul_scalar(planes.range.near)?;
-            let depths = to_grid(&of_layer)?;
-            let confidences = to_grid(&layer.map.confidence)?;
-            let confidences =
-                if index + 1 == layers.len() { self.calibrated(confidences) } else { confidences };
-            let inner = layers.get(index + 1).map(|next| next.shown);
-            for (place, from) in layer.places(scale, size, inner) {
-                (depth[place], confidence[place]) = (depths[from], confidences[from]);
-            }
-        }
-        let coarse = to_grid(&enlarge(&first.map.confidence, reference.size_at(scale))?)?;
-        let ratio = 1.0 / scale as f64;
+        let is_shown = |x: usize, y: usize| {
+            let centre = (x * scale + scale / 2, y * scale + scale / 2);
+            holds(&shown, centre) && !finer.is_some_and(|finer| holds(&finer, centre))
+        };
+        let placed = |values: &Grid<f32>| {
+            let value = |x: usize, y: usize| values[(x - computed.x0 / scale, y - computed.y0 / scale)];
+            Grid::from_fn(size, |x, y| if is_shown(x, y) { value(x, y) } else { 0.0 })
+        };
+        let depth = to_grid(&depth_of(planes, &map.u)?.f_mul_scalar(planes.range.near)?)?;
+        let confidence = to_grid(&map.confidence)?;
+        let confidence = if finer.is_none() { self.calibrated(confidence) } else { confidence };
+        let coarse = to_grid(&enlarge(coarse_confidence, reference.size_at(scale))?)?;
         Ok(DepthMap {
             camera: Pinhole { size, intrinsics: reference.intrinsics().scaled(ratio, ratio) },
             cam_from_world: reference.cam_from_world,
-            depth,
-            confidence,
+            depth: placed(&depth),
+            confidence: placed(&confidence),
             coarse_confidence: Some(Grid::from_fn(size, |x, y| coarse[(x, y)])),
         })
     }
@@ -131,31 +138,6 @@ impl Layer {
             y1: y1 - self.computed.y0,
         };
         cut(&self.map.u, 0, inside, self.scale)
-    }
-
-    /// For each pixel of the layer that is shown and not `inner`: the pixel nearest to its centre in a map
-    /// of `size` at the scale `finest`, and the pixel itself in the layer's map.
-    fn places(
-        &self,
-        finest: usize,
-        size: Size,
-        inner: Option<PixelBox>,
-    ) -> impl Iterator<Item = ((usize, usize), (usize, usize))> {
-        let Self { scale, computed, shown, .. } = *self;
-        let side = move |first: usize, end: usize| (first..end).step_by(scale);
-        let cells = side(computed.y0, computed.y1)
-            .flat_map(move |y| side(computed.x0, computed.x1).map(move |x| (x, y)));
-        let wanted = move |&(x, y): &(usize, usize)| {
-            let centre = (x + scale / 2, y + scale / 2);
-            holds(&shown, centre) && !inner.is_some_and(|inner| holds(&inner, centre))
-        };
-        let place = move |(x, y): (usize, usize)| {
-            let at = ((x + scale / 2) / finest, (y + scale / 2) / finest);
-            let at = if scale == finest { (x / finest, y / finest) } else { at };
-            let inside = at.0 < size.width && at.1 < size.height;
-            inside.then_some((at, ((x - computed.x0) / scale, (y - computed.y0) / scale)))
-        };
-        cells.filter(wanted).filter_map(place)
     }
 }
 

@@ -1,0 +1,144 @@
+//! Clouds of the large scene: their quality, and the time and memory that they take.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result, ensure};
+use nalgebra::Vector2;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use vamvs_core::lift::lift;
+use vamvs_io::{mvsnet, pfm};
+use wait4::Wait4;
+
+use super::networks::Variant;
+use super::page::share;
+use super::{LARGE, Lab, text};
+use crate::vamvs;
+
+/// A cloud with what it took.
+pub struct Cloud {
+    size: String,
+    peak_bytes: u64,
+    /// Of a depth map, all of it and the flow iterations' part.
+    seconds: [f64; 2],
+    points: u64,
+    /// Precision, recall and F-score at the finer of the distances of `vamvs eval scene`; `None` without
+    /// points.
+    agreement: Option<[f64; 3]>,
+}
+
+impl Cloud {
+    /// As in table 5.
+    pub fn cells(&self) -> Vec<String> {
+        let [whole, _] = self.seconds;
+        let agreement = match self.agreement {
+            Some(shares) => shares.map(share),
+            None => ["–"; 3].map(str::to_owned),
+        };
+        let cells = [self.size.clone(), self.memory(), format!("{whole:.2} s"), self.points.to_string()];
+        cells.into_iter().chain(agreement).collect()
+    }
+
+    fn memory(&self) -> String {
+        format!("{} MiB", self.peak_bytes >> 20)
+    }
+}
+
+/// The clouds after 0, 1, … `most` flow iterations.
+pub fn by_iterations(lab: &Lab, variant: &Variant, most: usize) -> Result<Vec<Cloud>> {
+    let network = text(&lab.trained(variant)?);
+    let cloud = |iterations: usize| {
+        let iterations = iterations.to_string();
+        reconstruct(lab, &format!("iterations-{iterations}"), &network, &["--iterations", &iterations])
+    };
+    (0..=most).map(cloud).collect()
+}
+
+/// The rows of the foveated run and the whole one.
+pub fn foveated(lab: &Lab) -> Result<Vec<Vec<String>>> {
+    let region = region(&scene(lab)?)?;
+    let (roi, area) = (region.corners.map(|corner| format!("{corner:.4}")), region.share);
+    let mut fovea = vec!["--fovea", "--roi"];
+    fovea.extend(roi.iter().map(String::as_str));
+    let whole = reconstruct(lab, "whole", "vis-max", &[])?;
+    let foveated = reconstruct(lab, "foveated", "vis-max", &fovea)?;
+    let row = |name: &str, area: f64, cloud: &Cloud| {
+        let [seconds, flow] = cloud.seconds;
+        let times = [format!("{seconds:.2} s"), format!("{flow:.2} s")];
+        let [name, area] = [name.to_owned(), format!("{:.1} %", 100.0 * area)];
+        [name, area, cloud.memory()].into_iter().chain(times).chain([cloud.points.to_string()]).collect()
+    };
+    Ok(vec![row("whole", 1.0, &whole), row("foveated", area, &foveated)])
+}
+
+/// A box of the world and the share of the first photograph that its middle covers.
+struct Region {
+    corners: [f64; 6],
+    share: f64,
+}
+
+/// A cube around what the middle of the first photograph shows.
+fn region(scene: &Path) -> Result<Region> {
+    /// Half of the cube's side, as a share of what the photograph shows across at its depth.
+    const HALF: f64 = 0.09;
+    let view = mvsnet::read_cam(&scene.join("cams/00000000_cam.txt"), &mvsnet::Options::default())?;
+    let depth = pfm::read_depth(&scene.join("depths/00000000.pfm"))?;
+    let (width, height) = (depth.width(), depth.height());
+    let intrinsics = view.intrinsics;
+    let at_middle = f64::from(depth[(width / 2, height / 2)]);
+    let camera = vamvs_core::Pinhole { size: depth.size(), intrinsics };
+    let middle = Vector2::new(0.5 * width as f64, 0.5 * height as f64);
+    let middle = view.cam_from_world.inverse().transform(&lift(&camera, &middle, at_middle));
+    let half = HALF * width as f64 / intrinsics.fx * at_middle;
+    let side = 2.0 * half * intrinsics.fx / at_middle;
+    let corner = |sign: f64| middle.map(|along| along + sign * half);
+    let ([x0, y0, z0], [x1, y1, z1]) = (corner(-1.0).into(), corner(1.0).into());
+    Ok(Region { corners: [x0, y0, z0, x1, y1, z1], share: side * side / (width * height) as f64 })
+}
+
+fn scene(lab: &Lab) -> Result<PathBuf> {
+    Ok(lab.scenes(&LARGE)?.join("scene-00000"))
+}
+
+/// Runs `vamvs reconstruct` on the large scene, always anew, and `vamvs eval scene` on what it made.
+fn reconstruct(lab: &Lab, name: &str, network: &str, more: &[&str]) -> Result<Cloud> {
+    let (scene, out) = (scene(lab)?, lab.file(&format!("clouds/{name}")));
+    let mut command = Command::new(vamvs::binary()?);
+    command.args(["reconstruct", "--cams", &text(&scene.join("cams"))]);
+    command.args(["--images", &text(&scene.join("images")), "--weights", network, "--out", &text(&out)]);
+    command.args(["--views", "5", "--planes", "96", "--force", "--no-report", "--threads", &lab.threads()]);
+    let (summary, peak_bytes) = told_with_peak::<Value>(command.args(more))?;
+    let points = summary["fusion"]["points"].as_u64().context("the summary tells no points")?;
+    let stages = summary["depth"]["seconds"].as_object().context("the summary tells no seconds")?;
+    let made = summary["depth"]["made"].as_f64().context("the summary tells no maps")?;
+    let spent = |wanted: &dyn Fn(&str) -> bool| {
+        let times = stages.iter().filter(|(stage, _)| wanted(stage)).filter_map(|(_, time)| time.as_f64());
+        times.sum::<f64>() / made
+    };
+    let of_flow = |stage: &str| ["fetch", "neighbours", "flow"].contains(&stage);
+    let seconds = [spent(&|stage| !["read", "write"].contains(&stage)), spent(&of_flow)];
+    let size = pfm::read_depth(&out.join("depths/00000000.pfm"))?.size();
+    let agreement = if points > 0 { Some(agreement(&out, &scene)?) } else { None };
+    Ok(Cloud { size: format!("{}×{}", size.width, size.height), peak_bytes, seconds, points, agreement })
+}
+
+fn agreement(out: &Path, scene: &Path) -> Result<[f64; 3]> {
+    let mut command = Command::new(vamvs::binary()?);
+    let scores: Value = vamvs::told(command.args(["eval", "scene", &text(out), &text(scene)]))?;
+    let finest = &scores["cloud"]["agreement"][0];
+    let value =
+        |name: &str| finest[name].as_f64().with_context(|| format!("the cloud's scores have no {name}"));
+    Ok([value("precision")?, value("recall")?, value("f_score")?])
+}
+
+/// Runs a command with `--json`; what it prints, and its peak memory.
+fn told_with_peak<T: DeserializeOwned>(command: &mut Command) -> Result<(T, u64)> {
+    command.args(["--json", "--quiet"]).stdout(Stdio::piped());
+    let mut child = command.spawn().context("vamvs could not be started")?;
+    let output = child.stdout.take().context("vamvs has no output")?;
+    let told = serde_json::from_reader(output);
+    let ended = child.wait4().context("vamvs was lost")?;
+    ensure!(ended.status.success(), "vamvs failed ({}); its message is above", ended.status);
+    Ok((told.context("what `vamvs --json` printed")?, ended.rusage.maxrss))
+}

@@ -1,0 +1,148 @@
+//! `cargo xtask paper`: the paper's experiments on a small made set, table by table.
+//!
+//! Every network is trained with the same small budget, so tables compare what the networks make of it, not
+//! what they could become. What was trained and made already is kept and taken up again.
+
+mod clouds;
+mod networks;
+mod page;
+mod tables;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Result, ensure};
+use clap::{Args, ValueEnum};
+use vamvs_io::atomic;
+
+use crate::step::run;
+use crate::vamvs;
+use page::Section;
+
+/// Run the paper's experiments on a small made set and write its tables, the paper's figures beside ours.
+///
+/// Needs a Python with torch to export the untrained networks. Networks are trained one after the other; a
+/// run that is stopped goes on where it was.
+#[derive(Args)]
+pub struct Paper {
+    /// Tables and figures [default: all, and the page is written].
+    #[arg(value_enum, value_name = "WHAT")]
+    what: Vec<Experiment>,
+    /// Folder for scenes, networks and runs.
+    #[arg(long, value_name = "DIR", default_value = "target/paper")]
+    out: PathBuf,
+    /// Steps of training of each network.
+    #[arg(long, value_name = "N", default_value_t = 1000)]
+    steps: usize,
+    /// Threads of training and measuring.
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    threads: usize,
+    /// The Python that exports networks.
+    #[arg(long, value_name = "PROGRAM", default_value = "python3")]
+    python: PathBuf,
+    /// The page to write when all is run.
+    #[arg(long, value_name = "FILE.md", default_value = "docs/paper.md")]
+    page: PathBuf,
+}
+
+/// What the paper shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Experiment {
+    /// Six ways to aggregate views.
+    Table1,
+    /// Visibility: supervised, unsupervised, true.
+    Table2,
+    /// Visibility with and without the planes' depth.
+    Table3,
+    /// Flow iterations: quality, resolution, memory, time.
+    Table5,
+    /// Without hypotheses, neighbours, image features.
+    Table6,
+    /// Hypotheses to each side of a point.
+    Table7,
+    /// Direct regression instead of hypotheses.
+    Table8,
+    /// Number of views.
+    Figure12,
+    /// Foveated depth.
+    Figure15,
+}
+
+/// What experiments work on.
+struct Lab<'a> {
+    arguments: &'a Paper,
+    out: PathBuf,
+}
+
+/// A set of scenes that is made once.
+struct SceneSet {
+    name: &'static str,
+    seed: &'static str,
+    scenes: usize,
+    size: &'static str,
+}
+
+/// What networks learn from.
+const TRAINING: SceneSet = SceneSet { name: "training", seed: "1", scenes: 24, size: "256x192" };
+/// What they are measured on.
+const HELD_OUT: SceneSet = SceneSet { name: "held-out", seed: "1001", scenes: 6, size: "256x192" };
+/// What time, memory and clouds are measured on.
+const LARGE: SceneSet = SceneSet { name: "large", seed: "2001", scenes: 1, size: "640x480" };
+
+impl Paper {
+    pub fn run(&self) -> Result<()> {
+        ensure!(self.steps >= 10, "--steps must be 10 at least, got {}", self.steps);
+        vamvs::build()?;
+        std::fs::create_dir_all(&self.out)?;
+        let lab = Lab { arguments: self, out: self.out.canonicalize()? };
+        let all = Experiment::value_variants();
+        let wanted = if self.what.is_empty() { all } else { &self.what };
+        let sections = wanted.iter().map(|&what| lab.section(what)).collect::<Result<Vec<_>>>()?;
+        sections.iter().for_each(|section| println!("\n{}", section.markdown()));
+        if self.what.is_empty() {
+            let text = page::markdown(&sections, self.steps);
+            atomic::write(&self.page, |out| out.write_all(text.as_bytes()))?;
+            println!("{}", self.page.display());
+        }
+        Ok(())
+    }
+}
+
+impl Lab<'_> {
+    fn section(&self, what: Experiment) -> Result<Section> {
+        match what {
+            Experiment::Table1 => tables::aggregations(self),
+            Experiment::Table2 => tables::supervision(self),
+            Experiment::Table3 => tables::plane_depth(self),
+            Experiment::Table5 => tables::iterations(self),
+            Experiment::Table6 => tables::left_out(self),
+            Experiment::Table7 => tables::hypotheses(self),
+            Experiment::Table8 => tables::regression(self),
+            Experiment::Figure12 => tables::views(self),
+            Experiment::Figure15 => tables::fovea(self),
+        }
+    }
+
+    /// The folder of a set, made if need be: clutter of made objects, 9 views, 4 light paths a pixel.
+    fn scenes(&self, set: &SceneSet) -> Result<PathBuf> {
+        let folder = self.out.join(set.name);
+        let mut command = Command::new(vamvs::binary()?);
+        command.args(["synth", "--quiet", "--styles", "clutter", "--views", "9", "--samples", "4"]);
+        command.args(["--scenes", &set.scenes.to_string(), "--seed", set.seed, "--size", set.size]);
+        run(&format!("scenes: {}", set.name), command.arg("--out").arg(&folder))?;
+        Ok(folder)
+    }
+
+    fn threads(&self) -> String {
+        self.arguments.threads.to_string()
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.out.join(name)
+    }
+}
+
+/// A path as an argument.
+fn text(path: &Path) -> String {
+    path.display().to_string()
+}

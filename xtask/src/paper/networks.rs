@@ -1,0 +1,155 @@
+//! The networks: how each is exported and trained, and what it scores.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+use anyhow::{Context, Result};
+use serde::Deserialize;
+
+use super::{HELD_OUT, Lab, TRAINING, text};
+use crate::step::run;
+use crate::vamvs;
+
+/// All hidden layers have the paper's channels divided by this.
+pub const THIN: &str = "2";
+/// Reference views that are measured.
+pub const REFERENCES: &str = "27";
+
+/// A network that is trained for a row of a table.
+#[derive(Clone, Copy, Debug)]
+pub struct Variant {
+    /// Its name, and that of its files.
+    pub name: &'static str,
+    aggregation: &'static str,
+    export: &'static [&'static str],
+    train: &'static [&'static str],
+    measure: &'static [&'static str],
+}
+
+impl Variant {
+    /// A network as the paper has it.
+    pub const fn plain(aggregation: &'static str) -> Self {
+        Self { name: aggregation, aggregation, export: &[], train: &[], measure: &[] }
+    }
+
+    /// A network that is changed by arguments of `models/export.py`.
+    pub const fn changed(
+        name: &'static str,
+        aggregation: &'static str,
+        export: &'static [&'static str],
+    ) -> Self {
+        Self { name, aggregation, export, train: &[], measure: &[] }
+    }
+}
+
+pub const VAR: Variant = Variant::plain("var");
+pub const VIS_VAR: Variant = Variant::plain("vis-var");
+pub const VIS_AVG: Variant = Variant::plain("vis-avg");
+pub const VIS_MAX: Variant = Variant::plain("vis-max");
+pub const UNSUPERVISED: Variant = Variant {
+    train: &["--visibility-weight", "0"],
+    ..Variant::changed("vis-var-unsupervised", "vis-var", &[])
+};
+pub const TRUE_VISIBILITY: Variant = Variant {
+    train: &["--true-visibility"],
+    measure: &["--true-visibility"],
+    ..Variant::changed("vis-var-true", "vis-var", &[])
+};
+
+/// What `vamvs eval network --json` tells of a network.
+#[derive(Clone, Debug, Deserialize)]
+pub struct Measured {
+    scores: Scores,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+struct Scores {
+    stages: Vec<Stage>,
+}
+
+/// After a stage, by what the source views see.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Stage {
+    /// All pixels.
+    pub overall: Region,
+    /// Those that some source view does not see.
+    pub invisible: Region,
+    /// Those that all see.
+    pub fully_visible: Region,
+}
+
+/// Counts of pixels.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Region {
+    pixels: u64,
+    within_d: u64,
+    within_3d: u64,
+    failures: u64,
+}
+
+impl Region {
+    /// Shares within d, within 3d, and off by more than 1 % of the depth.
+    pub fn shares(&self) -> [f64; 3] {
+        [self.within_d, self.within_3d, self.failures].map(|count| count as f64 / self.pixels as f64)
+    }
+}
+
+impl Measured {
+    /// After each stage, the coarse one first.
+    pub fn stages(&self) -> &[Stage] {
+        &self.scores.stages
+    }
+
+    /// After the last one.
+    pub fn last(&self) -> Stage {
+        self.scores.stages[self.scores.stages.len() - 1]
+    }
+}
+
+impl Lab<'_> {
+    /// The trained network's file.
+    pub fn trained(&self, variant: &Variant) -> Result<PathBuf> {
+        let run_folder = self.file(&format!("runs-{}/{}", self.arguments.steps, variant.name));
+        let module = run_folder.join("module.pt");
+        if module.is_file() {
+            return Ok(module);
+        }
+        let steps = self.arguments.steps;
+        let mut command = Command::new(vamvs::binary()?);
+        command.args(["train", "--data", &text(&self.scenes(&TRAINING)?)]);
+        command.args(["--network", &text(&self.untrained(variant)?), "--out", &text(&run_folder)]);
+        command.args(["--steps", &steps.to_string(), "--coarse-steps", &(3 * steps / 10).to_string()]);
+        command.args(["--warm-up", &(steps / 20).to_string(), "--batch", "1", "--learning-rate", "2e-3"]);
+        command.args(["--freeze-norm-after", &(7 * steps / 10).to_string(), "--views", "3", "3"]);
+        command.args(["--crop", "160", "128", "--max-planes", "48", "--threads", &self.threads()]);
+        run(&format!("training: {}", variant.name), command.args(variant.train))?;
+        Ok(module)
+    }
+
+    /// The untrained network's file.
+    fn untrained(&self, variant: &Variant) -> Result<PathBuf> {
+        let file = self.file(&format!("{}.untrained.pt", variant.name));
+        if !file.is_file() {
+            let mut python = Command::new(&self.arguments.python);
+            python.arg("models/export.py").arg(variant.aggregation).arg(&file).args(["--thin", THIN]);
+            let export = python.args(variant.export).current_dir(crate::root());
+            run(&format!("export: {}", variant.name), export).context(
+                "models/export.py needs torch: pip install torch==2.11.0, or name another --python",
+            )?;
+        }
+        Ok(file)
+    }
+
+    /// What a network scores on the held-out scenes with a number of views.
+    pub fn measured(&self, variant: &Variant, views: usize) -> Result<Measured> {
+        let (network, set) = (self.trained(variant)?, self.scenes(&HELD_OUT)?);
+        let mut command = Command::new(vamvs::binary()?);
+        command.args(["eval", "network", &text(&network), "--data", &text(&set)]);
+        command.args(["--views", &views.to_string(), "--references", REFERENCES]);
+        command.args(["--threads", &self.threads()]).args(variant.measure);
+        let mut all: Vec<Measured> = vamvs::told(&mut command)?;
+        all.pop().context("vamvs eval network measured nothing")
+    }
+}

@@ -1,0 +1,54 @@
+//! The page of all tables.
+
+use super::networks::{REFERENCES, THIN};
+use super::{HELD_OUT, LARGE, TRAINING};
+
+/// A table with what it is about.
+pub struct Section {
+    pub title: &'static str,
+    /// What the paper says, and how ours was made where it differs from the others.
+    pub text: &'static str,
+    pub head: Vec<&'static str>,
+    pub rows: Vec<Vec<String>>,
+}
+
+impl Section {
+    pub fn markdown(&self) -> String {
+        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+        let head: Vec<String> = self.head.iter().map(|&cell| cell.to_owned()).collect();
+        let rule = "|---".repeat(self.head.len()) + "|\n";
+        let rows: String = self.rows.iter().map(|row| line(row)).collect();
+        format!("## {}\n\n{}\n\n{}{rule}{rows}", self.title, self.text, line(&head))
+    }
+}
+
+/// The whole page.
+pub fn markdown(sections: &[Section], steps: usize) -> String {
+    let sections: Vec<String> = sections.iter().map(Section::markdown).collect();
+    format!("{}\n{}", introduction(steps), sections.join("\n"))
+}
+
+fn introduction(steps: usize) -> String {
+    format!(
+        "# The paper's experiments\n\n\
+         Written by `cargo xtask paper`; `cargo xtask paper table-1` and so on run one of them.\n\n\
+         Every network here has half the paper's channels (`models/export.py --thin {THIN}`) and was trained for \
+         {steps} steps of one sample: 160×128 pixels, 3 views, 48 planes at most, AdamW; a few minutes on two \
+         processor cores, where the paper's trained for days on four GPUs. The scenes are clutter of made \
+         objects, {train} to learn from and {held} to measure on ({TRAINING_SIZE}, 9 views), and one of {large_size} for \
+         time, memory and clouds. So rows are to be compared with one another, and their order with the paper's, \
+         not their values; with one short run a row, differences of a point or two are chance. `<d` and `<3d` are \
+         the shares of pixels whose depth is within d and 3d of the true one, d = 0.375 distances of planes, on \
+         {REFERENCES} depth maps; `Invis` counts pixels that some source view does not see, `Fully-vis` those \
+         that all see. – stands for figures of the paper that are not at hand.\n",
+        train = TRAINING.scenes,
+        held = HELD_OUT.scenes,
+        TRAINING_SIZE = HELD_OUT.size.replace('x', "×"),
+        large_size = LARGE.size.replace('x', "×"),
+    )
+}
+
+/// A share as the paper writes it.
+pub fn share(value: f64) -> String {
+    format!("{value:.3}")
+}
