@@ -224,6 +224,10 @@ mod depth {
                 depth.roi = Some(roi);
                 self.fusion.roi = Some(roi);
             }
+            if flags.fovea {
+                depth.fovea = true;
+                self.fusion.roi = None;
+            }
             Ok(())
         }
     }

@@ -86,6 +86,16 @@ impl Estimator {
         &self.options
     }
 
+    /// The scales of the stages, each once, the coarsest first: a map's size is the image's divided by its
+    /// scale.
+    #[must_use]
+    pub fn scales(&self) -> Vec<usize> {
+        let iterations = self.options.iterations.iter().map(|iteration| iteration.scale);
+        let mut scales: Vec<usize> = [COARSE_SCALE].into_iter().chain(iterations).collect();
+        scales.dedup();
+        scales
+    }
+
     /// The depth map of `reference` by comparison with `sources` on `planes`, at the scale of the last
     /// iteration (1/8 if there are none), with the camera of that size.
     ///

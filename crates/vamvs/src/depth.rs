@@ -1,6 +1,6 @@
 //! Depth maps of all views, kept in the output folder.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
@@ -92,15 +92,27 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
 pub fn prepare(job: &DepthJob) -> Result<(), VamvsError> {
     job.output.expect_apart([job.photographs.folder()])?;
     let names = names(&job.scene.views);
-    job.output.prepare(&planned(job, &names).1)?;
+    let planned = (0..names.len()).filter(|&view| job.plan.views[view].is_ok());
+    let maps: Vec<String> = planned.flat_map(|view| map_names(job, view, &names[view])).collect();
+    job.output.prepare(&maps.iter().map(String::as_str).collect::<Vec<_>>())?;
     job.output.remove_pairs()
 }
 
-/// The views that will have a depth map, and their names.
-fn planned<'a>(job: &DepthJob, names: &'a [String]) -> (Vec<usize>, Vec<&'a str>) {
-    let planned: Vec<usize> = (0..names.len()).filter(|&view| job.plan.views[view].is_ok()).collect();
-    let names = planned.iter().map(|&view| names[view].as_str()).collect();
-    (planned, names)
+/// The names of a view's depth maps: its own, and with `--fovea` those of its coarser maps before it, with
+/// what their size is divided by: `NAME@8`, `NAME@4`, `NAME`.
+fn map_names(job: &DepthJob, view: usize, name: &str) -> Vec<String> {
+    let coarser = |scale: &usize| format!("{name}@{scale}");
+    match &job.plan.views[view] {
+        Ok(ViewPlan { foveated: true, region, .. }) => {
+            let scales = job.estimator.scales();
+            let (finest, coarse) = scales.split_last().expect("the coarse stage has a scale");
+            match region {
+                Some(_) => coarse.iter().map(coarser).chain([name.to_owned()]).collect(),
+                None => vec![coarser(coarse.first().unwrap_or(finest))],
+            }
+        }
+        _ => vec![name.to_owned()],
+    }
 }
 
 struct Run<'a> {
@@ -122,10 +134,9 @@ enum Outcome {
     LeftOut(String),
 }
 
-/// A depth map with all that is saved of it.
+/// A view's depth maps, each with its photograph, and what is kept of how they were made.
 struct Made {
-    map: DepthMap,
-    colour: Grid<Rgb>,
+    maps: Vec<(DepthMap, Grid<Rgb>)>,
     record: Record,
 }
 
@@ -157,10 +168,18 @@ impl Run<'_> {
         if let (true, Some(LeftOut { view, reason })) = (there.is_empty(), self.summary.skipped.first()) {
             return Err(VamvsError::Request(format!("no depth map could be made: {view}: {reason}")));
         }
-        let names: Vec<&str> = there.iter().map(|&view| self.names[view].as_str()).collect();
-        let place = |view: &usize| there.binary_search(view).ok();
-        let neighbours = |&view: &usize| self.job.plan.neighbours[view].iter().filter_map(place).collect();
-        self.job.output.write_pairs(&names, &there.iter().map(neighbours).collect::<Vec<_>>())?;
+        let of_view = |&view: &usize| self.map_names(view).into_iter().map(move |name| (view, name));
+        let maps: Vec<(usize, String)> = there.iter().flat_map(of_view).collect();
+        let mut numbers: HashMap<usize, Vec<usize>> = HashMap::new();
+        // The finest map of a view first.
+        let finest_first = maps.iter().enumerate().rev();
+        finest_first.for_each(|(number, (view, _))| numbers.entry(*view).or_default().push(number));
+        let neighbours = |(view, _): &(usize, String)| -> Vec<usize> {
+            let others = self.job.plan.neighbours[*view].iter().filter_map(|other| numbers.get(other));
+            others.flatten().copied().collect()
+        };
+        let names: Vec<&str> = maps.iter().map(|(_, name)| name.as_str()).collect();
+        self.job.output.write_pairs(&names, &maps.iter().map(neighbours).collect::<Vec<_>>())?;
         self.job.output.write_left_out(&self.summary.skipped)?;
         Ok(self.summary)
     }
@@ -175,7 +194,11 @@ impl Run<'_> {
         on_event(Event::Warning(format!("{name} is left out: {reason}")));
         self.left_out.insert(view);
         self.summary.skipped.push(LeftOut { view: name, reason });
-        self.job.output.discard(&self.names[view])
+        self.map_names(view).iter().try_for_each(|name| self.job.output.discard(name))
+    }
+
+    fn map_names(&self, view: usize) -> Vec<String> {
+        map_names(self.job, view, &self.names[view])
     }
 
     /// Makes one depth map unless it is there. Fails only if it cannot be saved.
@@ -194,7 +217,7 @@ impl Run<'_> {
             Err(error) if error.is_out_of_memory() => self.make_smaller(view, plan, &mut profile, on_event),
             made => made,
         };
-        let Made { map, colour, record } = match made {
+        let Made { maps, record } = match made {
             Ok(made) => made,
             Err(error) => return Ok(Outcome::LeftOut(error.in_full())),
         };
@@ -202,19 +225,22 @@ impl Run<'_> {
             self.summary.resumed += 1;
             return Ok(Outcome::Resumed);
         }
-        let saved = SavedMap { map: &map, range: plan.planes.range, colour: &colour };
         let begin = Instant::now();
-        self.job.output.save(&self.names[view], &saved, &record)?;
+        for (name, (map, colour)) in self.map_names(view).iter().zip(&maps) {
+            let saved = SavedMap { map, range: plan.planes.range, colour };
+            self.job.output.save(name, &saved, &record)?;
+        }
         self.summary.writing += begin.elapsed();
         self.summary.made += 1;
         self.summary.profile.add(&profile);
         Ok(Outcome::Made)
     }
 
-    /// Whether there is a depth map that was made of the same.
+    /// Whether there are depth maps that were made of the same.
     fn is_there(&self, view: usize, record: &Record) -> bool {
-        let saved = || self.job.output.saved(&self.names[view]);
-        !self.job.force && saved().is_some_and(|saved| saved.made_of == record.made_of)
+        let same = |saved: Record| saved.made_of == record.made_of;
+        let is_saved = |name: &String| self.job.output.saved(name).is_some_and(same);
+        !self.job.force && self.map_names(view).iter().all(is_saved)
     }
 
     /// The plan without source views that are known to be unusable.
@@ -246,13 +272,18 @@ impl Run<'_> {
         }
         let planned_size = self.job.plan.cameras[view].size;
         let region = plan.region.map(|region| rescaled(region, planned_size, reference.photo.camera.size));
-        let map = self.map(&reference, &sources, (&plan.planes, region), profile)?;
+        let maps = self.maps(&reference, &sources, (plan, region), profile)?;
         if region.is_none() {
-            warn_of_range_ends(&self.job.scene.views[view].name, &map, &plan.planes, on_event);
+            let name = &self.job.scene.views[view].name;
+            maps.iter().for_each(|map| warn_of_range_ends(name, map, &plan.planes, on_event));
         }
-        let size = map.depth.size();
-        let colour = image::resize(&whole_cells(&reference.photo.image, size), size);
-        Ok(Made { map, colour, record: self.record(view, &self.usable(plan)) })
+        let with_colour = |map: DepthMap| {
+            let size = map.depth.size();
+            let colour = image::resize(&whole_cells(&reference.photo.image, size), size);
+            (map, colour)
+        };
+        let maps = maps.into_iter().map(with_colour).collect();
+        Ok(Made { maps, record: self.record(view, &self.usable(plan)) })
     }
 
     /// Makes one depth map of photographs of half the size, which take a quarter of the memory.
@@ -302,31 +333,40 @@ impl Run<'_> {
         }
     }
 
-    fn map(
+    fn maps(
         &self,
         reference: &Encoded,
         sources: &[Rc<Encoded>],
-        (planes, region): (&Planes, Option<PixelBox>),
+        (plan, region): (&ViewPlan, Option<PixelBox>),
         profile: &mut Profile,
-    ) -> Result<DepthMap, VamvsError> {
-        let features: Vec<&EncodedView> = sources.iter().map(|source| &source.features).collect();
-        let mut map = match region {
-            None => self.job.estimator.estimate(&reference.features, &features, planes, profile)?,
+    ) -> Result<Vec<DepthMap>, VamvsError> {
+        let (estimator, planes) = (self.job.estimator, &plan.planes);
+        let sources: Vec<&EncodedView> = sources.iter().map(|source| &source.features).collect();
+        let photo = &reference.photo;
+        let mut maps = match region {
+            _ if plan.foveated => {
+                estimator.estimate_foveated(&reference.features, &sources, planes, region, profile)?
+            }
+            None => vec![estimator.estimate(&reference.features, &sources, planes, profile)?],
             Some(region) => {
-                let (part, place) =
-                    reference.features.cropped(&widened(region, reference.photo.camera.size))?;
-                let map = self.job.estimator.estimate(&part, &features, planes, profile)?;
-                placed(&map, reference.photo.camera, place, region)
+                let (part, place) = reference.features.cropped(&widened(region, photo.camera.size))?;
+                let map = estimator.estimate(&part, &sources, planes, profile)?;
+                vec![placed(&map, photo.camera, place, region)]
             }
         };
-        if let Some(mask) = &reference.photo.mask {
-            let size = map.depth.size();
-            let mask = whole_cells(mask, size).resized_nearest(size);
-            let pixels = map.depth.data_mut().iter_mut().zip(mask.data());
-            pixels.filter(|(_, counts)| !**counts).for_each(|(depth, _)| *depth = 0.0);
+        if let Some(mask) = &photo.mask {
+            maps.iter_mut().for_each(|map| remove_masked(map, mask));
         }
-        Ok(map)
+        Ok(maps)
     }
+}
+
+/// Leaves no depth where the mask says not to look.
+fn remove_masked(map: &mut DepthMap, mask: &Grid<bool>) {
+    let size = map.depth.size();
+    let mask = whole_cells(mask, size).resized_nearest(size);
+    let pixels = map.depth.data_mut().iter_mut().zip(mask.data());
+    pixels.filter(|(_, counts)| !**counts).for_each(|(depth, _)| *depth = 0.0);
 }
 
 /// The part of a photograph that a depth map of `size` covers: sides that are no multiple of the depth

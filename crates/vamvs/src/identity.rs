@@ -38,7 +38,7 @@ impl Identity {
     pub fn of(&self, view: usize, plan: &ViewPlan, max_size: usize) -> String {
         let mut hasher = blake3::Hasher::new();
         hasher.update(format!("{} {max_size}", self.common).as_bytes());
-        hasher.update(format!("{:?} {:?}", plan.planes, plan.region).as_bytes());
+        hasher.update(format!("{:?} {:?} {}", plan.planes, plan.region, plan.foveated).as_bytes());
         for view in std::iter::once(view).chain(plan.sources.iter().copied()) {
             hasher.update(self.views[view].as_bytes());
         }

@@ -26,6 +26,9 @@ pub struct DepthOptions {
     pub iterations: Option<usize>,
     /// Depth only inside this box of the world.
     pub roi: Option<Roi>,
+    /// Depth outside of the box too, but coarsely: all flow iterations inside of it, fewer around, the coarse
+    /// map elsewhere (section 4.5).
+    pub fovea: bool,
     /// Memory, of which half of what is free keeps features of photographs that will be needed again. What one
     /// depth map takes in the making is not limited yet.
     pub max_memory: MemoryLimit,
@@ -42,6 +45,7 @@ impl Default for DepthOptions {
             depth_range: None,
             iterations: None,
             roi: None,
+            fovea: false,
             max_memory: MemoryLimit::default(),
         }
     }

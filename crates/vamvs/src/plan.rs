@@ -24,8 +24,11 @@ pub struct ViewPlan {
     pub planes: Planes,
     /// Where the depth range comes from; `None` if the user gave it.
     pub origin: Option<RangeOrigin>,
-    /// The part of the image in which depth is wanted, pixels at working size; `None` for all of it.
+    /// The part of the image in which depth is wanted, pixels at working size; `None` for all of it, or if
+    /// the plan is foveated for none.
     pub region: Option<PixelBox>,
+    /// Whether depth is wanted outside of the region too, coarsely.
+    pub foveated: bool,
 }
 
 /// What will be done.
@@ -66,6 +69,9 @@ fn check(options: &DepthOptions) -> Result<(), VamvsError> {
     let wrong = |what: String| Err(VamvsError::Request(what));
     if options.views < 2 {
         return wrong(format!("views must be at least 2 (a reference and a source), got {}", options.views));
+    }
+    if options.fovea && options.roi.is_none() {
+        return wrong("fovea needs a region of interest (--roi) that is to be seen sharply".to_owned());
     }
     if options.max_size < 64 {
         return wrong(format!("max-size must be at least 64 pixels, got {}", options.max_size));
@@ -120,7 +126,7 @@ impl Planner<'_> {
         let mut planes = Planes::fitting(range, reference, &others, self.options.max_planes);
         planes.count = self.options.planes.unwrap_or(planes.count);
         planes.spacing = self.options.spacing.unwrap_or(planes.spacing);
-        Ok(ViewPlan { sources, planes, origin, region })
+        Ok(ViewPlan { sources, planes, origin, region, foveated: self.options.fovea })
     }
 
     /// The user's range, or the view's own.
@@ -138,6 +144,9 @@ impl Planner<'_> {
     fn limited(&self, view: usize, range: DepthRange) -> Result<(DepthRange, Option<PixelBox>), String> {
         let Some(roi) = &self.options.roi else { return Ok((range, None)) };
         let pose = &self.scene.views[view].cam_from_world;
+        if self.options.fovea {
+            return Ok((range, roi.pixel_box(&self.cameras[view], pose)));
+        }
         let outside = || "the region of interest is not in its picture".to_owned();
         let region = roi.pixel_box(&self.cameras[view], pose).ok_or_else(outside)?;
         let (near, far) = roi.depth_range(pose).ok_or_else(outside)?;

@@ -6,6 +6,8 @@
 mod bad_input;
 mod eval;
 mod exchange;
+#[cfg(feature = "net")]
+mod fovea;
 mod fuse;
 mod manners;
 mod report;

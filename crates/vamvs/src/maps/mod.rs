@@ -2,6 +2,7 @@
 
 mod layout;
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use vamvs_core::view_selection;
@@ -153,10 +154,14 @@ impl Maps {
         self.scene.pairs.as_deref()
     }
 
-    /// For each view, the others that see the same surfaces, best first, at most `count`.
+    /// For each view, the others that see the same surfaces, best first, at most `count` or, where there are
+    /// several maps of a photograph (`--fovea`), those of as many photographs.
     #[must_use]
     pub fn neighbours(&self, count: usize) -> Vec<Vec<usize>> {
-        view_selection::select(&self.scene, &self.cameras, count)
+        let photograph = |name: &String| name.split('@').next().unwrap_or(name).to_owned();
+        let photographs: HashSet<String> = self.names.iter().map(photograph).collect();
+        let maps = self.names.len().div_ceil(photographs.len().max(1));
+        view_selection::select(&self.scene, &self.cameras, count * maps)
     }
 
     /// The file of a view's depth map.
