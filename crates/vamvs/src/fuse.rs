@@ -11,7 +11,7 @@ use crate::output::LeftOut;
 use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError};
 
 /// The part of the memory that is left for what nobody counts, as 1 over this.
-const SPARE: u64 = 10;
+const SPARE: u64 = 6;
 
 /// What came out of a fusion.
 #[derive(Clone, Debug)]
