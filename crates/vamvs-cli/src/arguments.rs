@@ -321,7 +321,7 @@ pub struct DepthFlags {
     /// auto, cpu, cuda or cuda:N [default: auto].
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
-    /// A quick look at a capture, in about a tenth of the time: --max-size 400 --iterations 2, unless these are
+    /// A quick look at a capture, in about a tenth of the time: --max-size 480 --iterations 2, unless these are
     /// given.
     #[arg(long)]
     pub preview: bool,
@@ -439,8 +439,8 @@ pub struct CommonFlags {
     /// Threads [default: one a core].
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
-    /// The most memory to take, such as 2GiB, 500MB or 50% of the machine's; results do not depend on it. It
-    /// bounds fusion, and of depth estimation what is kept for later views [default: 70%].
+    /// The most memory to take, such as 2GiB, 500MB or 50% of the machine's [default: 70%]. Results do not depend
+    /// on it, unless a depth map would take more: then photographs are reduced, with a warning.
     #[arg(long, value_name = "SIZE")]
     pub max_memory: Option<MemoryLimit>,
     /// Call it an error, with exit code 1, if a view is left out.

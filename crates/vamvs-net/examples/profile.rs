@@ -9,6 +9,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let number = |index: usize| arguments[index].parse::<usize>();
     let (size, views, count) = (Size::new(number(1)?, number(2)?), number(3)?, number(4)?);
     let network = Network::load(arguments[0].as_ref(), Device::Cpu)?;
+    let loaded = peak_mib();
     let options = EstimatorOptions::of(&network);
     let estimator = Estimator::new(network, options)?;
     let photos: Vec<_> = (0..views).map(|index| photo(size, index)).collect();
@@ -24,7 +25,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for stage in Stage::ALL {
         println!("{stage:?} {:.3} s", profile.spent(stage).as_secs_f64());
     }
-    println!("total {:.3} s, peak {} MiB", profile.total().as_secs_f64(), peak_mib());
+    let estimated = (estimator.peak_bytes(size, views, count) >> 20) + loaded;
+    println!(
+        "total {:.3} s, peak {} MiB, estimated {estimated} MiB",
+        profile.total().as_secs_f64(),
+        peak_mib()
+    );
     Ok(())
 }
 

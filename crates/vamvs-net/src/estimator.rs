@@ -24,6 +24,18 @@ pub struct EstimatorOptions {
     pub strip_points: usize,
 }
 
+/// What encoding takes for each pixel of a photograph beside the features, bytes.
+const ENCODING: usize = 128;
+
+/// What the sweep takes beside the volume, in slabs: warped features and the layers that relate them.
+const SLABS: usize = 6;
+
+/// What regularising takes, in volumes: the volume, and the layers at its own resolution.
+const VOLUMES: usize = 3;
+
+/// What the flow takes for each point, as a multiple of its channels.
+const POINTS: usize = 4;
+
 impl EstimatorOptions {
     /// A network's own defaults.
     #[must_use]
@@ -94,6 +106,32 @@ impl Estimator {
         let mut scales: Vec<usize> = [COARSE_SCALE].into_iter().chain(iterations).collect();
         scales.dedup();
         scales
+    }
+
+    /// The options, to change them.
+    pub fn options_mut(&mut self) -> &mut EstimatorOptions {
+        &mut self.options
+    }
+
+    /// About the most memory that a depth map takes, bytes, features of its photographs included, beside what the
+    /// loaded network takes: of `views` photographs of `size` pixels, with `planes` planes.
+    ///
+    /// That is the features of all views and the largest of: encoding a photograph; the cost volume with the slabs
+    /// that go into it; regularising the volume; the points of a strip. The factors are measured on the networks
+    /// that are built in, where the estimate is between 0.8 and 1.4 of the peak.
+    #[must_use]
+    pub fn peak_bytes(&self, size: Size, views: usize, planes: usize) -> usize {
+        let (widths, value) = (self.network.widths(), size_of::<f32>());
+        let cells = size.width.div_ceil(COARSE_SCALE) * size.height.div_ceil(COARSE_SCALE);
+        let features = views * widths.features * cells * value;
+        let encoding = ENCODING * size.area();
+        let volume = widths.volume * planes * cells * value;
+        let warped = widths.coarse * planes * cells * value;
+        let sweep = volume + SLABS * self.options.slab_bytes.min(warped);
+        let hypotheses = 2 * self.network.manifest().hypotheses + 1;
+        let points = self.options.strip_points.min(cells * hypotheses);
+        let flow = POINTS * points * widths.point * value;
+        features + encoding.max(sweep).max(VOLUMES * volume).max(flow)
     }
 
     /// The depth map of `reference` by comparison with `sources` on `planes`, at the scale of the last

@@ -24,6 +24,20 @@ pub struct Network {
     manifest: Manifest,
     device: Device,
     name: String,
+    widths: Widths,
+}
+
+/// How much a module gives, as it showed when it was loaded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Widths {
+    /// Values of the features of 8×8 pixels of a photograph.
+    pub features: usize,
+    /// Channels of the coarse features.
+    pub coarse: usize,
+    /// Channels of the cost volume.
+    pub volume: usize,
+    /// Channels of a point: fetched, related and its position.
+    pub point: usize,
 }
 
 impl Network {
@@ -64,8 +78,8 @@ impl Network {
             source,
         })?;
         let manifest = Manifest::parse(&text, &name)?;
-        let network = Self { module, manifest, device, name };
-        tch::no_grad(|| network.probe())?;
+        let mut network = Self { module, manifest, device, name, widths: Widths::default() };
+        network.widths = tch::no_grad(|| network.probe())?;
         Ok(network)
     }
 
@@ -123,9 +137,14 @@ impl Network {
         self.device
     }
 
+    /// How much the module gives.
+    pub(crate) fn widths(&self) -> Widths {
+        self.widths
+    }
+
     /// Calls every method once on tiny inputs, so that a wrong module is told at once and not after an
-    /// hour.
-    fn probe(&self) -> Result<(), NetError> {
+    /// hour. Tells how much they give.
+    fn probe(&self) -> Result<Widths, NetError> {
         let aggregation = self.manifest.aggregation;
         let (planes, side, points) = (8, 4, 40);
         let f32 = (Kind::Float, self.device);
@@ -147,15 +166,19 @@ impl Network {
         };
         let _costs = self.regularize(&Tensor::f_rand([1, volume_channels, planes, side, side], f32)?)?;
         let levels = self.encode_flow(&image)?;
+        let features =
+            levels.iter().chain([&coarse]).map(Tensor::numel).sum::<usize>() / (side * side) as usize;
         let channels: i64 = levels.iter().map(|level| level.size()[1]).sum();
         let fetched = Tensor::f_rand([1, channels, points], f32)?;
         let related =
             if aggregation.relates_pairs() { self.relate_flow(&fetched, &fetched)? } else { fetched };
-        let features = Tensor::f_cat(&[related, Tensor::f_rand([1, POSITION_CHANNELS, points], f32)?], 1)?;
+        let point = channels + related.size()[1] + POSITION_CHANNELS;
+        let inputs = Tensor::f_cat(&[related, Tensor::f_rand([1, POSITION_CHANNELS, points], f32)?], 1)?;
         let neighbours =
             Tensor::f_zeros([1, points, self.manifest.neighbours as i64], (Kind::Int64, self.device))?;
-        let _scores = self.flow(&features, &neighbours)?;
-        Ok(())
+        let _scores = self.flow(&inputs, &neighbours)?;
+        let [coarse, volume, point] = [coarse.size()[1], volume_channels, point].map(|width| width as usize);
+        Ok(Widths { features, coarse, volume, point })
     }
 
     /// (N, 3, H, W) in [0, 1] → (N, C, H/8, W/8).

@@ -10,15 +10,13 @@ use vamvs_io::image;
 use vamvs_net::{EncodedView, Estimator, Profile};
 
 use crate::feature_cache::{Encoded, FeatureCache};
+use crate::fit::most_bytes;
 use crate::identity::Identity;
 use crate::output::{LeftOut, Record, SavedMap, names};
 use crate::{DepthOptions, Event, OutputFolder, Photographs, Plan, VamvsError, ViewPlan};
 
 /// Pixels around a region of interest that are computed too, so that its border has neighbours.
 const REGION_MARGIN: usize = 32;
-
-/// The part of the memory that keeps features, as 1 over this; the rest is to make depth maps in.
-const FEATURES_SHARE: u64 = 2;
 
 /// A depth this close to an end of its planes, as a share of them, sits at that end.
 const END_SHARE: f64 = 0.01;
@@ -76,7 +74,8 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
     let begin = Instant::now();
     let identity = Identity::new(job.module, job.estimator.options(), job.scene, job.photographs)?;
     let summary = DepthSummary { reading: begin.elapsed(), ..DepthSummary::default() };
-    let capacity = (job.options.max_memory.left() / FEATURES_SHARE) as usize;
+    let for_maps = most_bytes(job.plan, job.estimator);
+    let capacity = job.options.max_memory.left().saturating_sub(for_maps) as usize;
     let features = FeatureCache::new(job.scene, job.photographs.clone(), job.estimator.network(), capacity);
     let mut run =
         Run { job, names, identity, features, unusable: BTreeMap::new(), left_out: BTreeSet::new(), summary };

@@ -18,6 +18,8 @@ pub mod event;
 pub mod export;
 #[cfg(feature = "net")]
 mod feature_cache;
+#[cfg(feature = "net")]
+pub mod fit;
 pub mod fuse;
 #[cfg(feature = "net")]
 mod identity;
@@ -37,6 +39,8 @@ pub use depth::{DepthSummary, estimate};
 pub use error::VamvsError;
 pub use event::Event;
 pub use export::ExportOptions;
+#[cfg(feature = "net")]
+pub use fit::fitting;
 pub use fuse::{FuseSummary, fuse};
 pub use input::Input;
 pub use maps::Maps;

@@ -29,8 +29,8 @@ pub struct DepthOptions {
     /// Depth outside of the box too, but coarsely: all flow iterations inside of it, fewer around, the coarse
     /// map elsewhere (section 4.5).
     pub fovea: bool,
-    /// Memory, of which half of what is free keeps features of photographs that will be needed again. What one
-    /// depth map takes in the making is not limited yet.
+    /// The most memory to take: to make a depth map in, see `vamvs::fitting`, and, as far as some is left,
+    /// to keep features of photographs that will be needed again.
     pub max_memory: MemoryLimit,
 }
 
@@ -52,11 +52,11 @@ impl Default for DepthOptions {
 }
 
 impl DepthOptions {
-    /// The same options for a quick look at a capture: photographs of at most 400 pixels and two flow iterations,
+    /// The same options for a quick look at a capture: photographs of at most 480 pixels and two flow iterations,
     /// so that depth maps have a quarter of that size. Planes that are chosen from the cameras are fewer then too.
     #[must_use]
     pub fn preview(self) -> Self {
-        Self { max_size: 400, iterations: Some(2), ..self }
+        Self { max_size: 480, iterations: Some(2), ..self }
     }
 }
 

@@ -51,8 +51,10 @@ pub fn estimate(
     say_masks(&masks, photographs.masked(&loaded.scene), loaded.scene.views.len(), progress);
     let out = OutputFolder::new(&arguments.out());
     out.expect_apart(settings.input.cams.as_deref())?;
-    let plan = vamvs::plan(&loaded.scene, &photographs, &settings.depth)?;
-    let estimator = estimator(settings, progress)?;
+    let mut estimator = estimator(settings, progress)?;
+    let mut show = |event| progress.show(event);
+    let (photographs, plan) =
+        vamvs::fitting(&loaded.scene, &photographs, &settings.depth, &mut estimator, &mut show)?;
     say_plan(&loaded.scene, &plan, progress);
     let job = DepthJob {
         scene: &loaded.scene,

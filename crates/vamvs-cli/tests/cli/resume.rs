@@ -52,17 +52,35 @@ fn a_second_run_keeps_what_is_there_and_other_settings_or_photographs_redo_it() 
 
 #[test]
 fn a_preview_is_smaller_is_recorded_and_gives_way_to_flags() {
-    let scene = Scene::new(480, 360, 2);
+    let scene = Scene::new(640, 480, 2);
     let size_and_settings = |arguments: &[&str]| {
         expect_success(&scene.run("depth", &[arguments, &["--planes", "8", "--quiet", "--force"]].concat()));
         let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
         (map.size(), std::fs::read_to_string(scene.out().join("run.toml")).unwrap())
     };
     let (size, settings) = size_and_settings(&["--preview"]);
-    // 480×360 pixels become 400×300, and two iterations end at a quarter of that.
-    assert_eq!(size, vamvs::core::Size::new(100, 75));
-    assert!(settings.contains("max-size = 400") && settings.contains("iterations = 2"), "{settings}");
+    // 640×480 pixels become 480×360, and two iterations end at a quarter of that.
+    assert_eq!(size, vamvs::core::Size::new(120, 90));
+    assert!(settings.contains("max-size = 480") && settings.contains("iterations = 2"), "{settings}");
     let (size, settings) = size_and_settings(&["--preview", "--max-size", "160", "--iterations", "1"]);
     assert_eq!(size, vamvs::core::Size::new(20, 15));
     assert!(settings.contains("max-size = 160") && settings.contains("iterations = 1"), "{settings}");
+}
+
+#[test]
+fn a_depth_map_that_does_not_fit_into_the_memory_becomes_smaller_and_that_is_told() {
+    let scene = Scene::new(400, 300, 2);
+    let size_and_words = |memory: &str| {
+        let output = scene.run("depth", &["--iterations", "0", "--planes", "16", "--max-memory", memory]);
+        expect_success(&output);
+        let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
+        (map.size(), stderr(&output))
+    };
+    let (whole, said) = size_and_words("100%");
+    assert_eq!(whole, vamvs::core::Size::new(50, 37));
+    assert!(!said.contains("--max-memory"), "{said}");
+    // Nothing fits, so that photographs are as small as they get: 400 · 0.9⁴ = 262 pixels.
+    let (small, said) = size_and_words("1MB");
+    assert_eq!(small, vamvs::core::Size::new(32, 24));
+    assert!(said.contains("--max-memory") && said.contains("photographs of 262 pixels"), "{said}");
 }

@@ -1,0 +1,83 @@
+//! Depth maps that fit into the memory.
+
+use vamvs_core::Scene;
+use vamvs_net::{Device, Estimator};
+
+use crate::memory::spelled;
+use crate::{DepthOptions, Event, Photographs, Plan, VamvsError, ViewPlan};
+
+/// From one size of photographs that is tried to the next.
+const STEP: f64 = 0.9;
+
+/// The smallest longer side that is tried, pixels.
+const SMALLEST: usize = 256;
+
+/// How much smaller pieces of a depth map's work become, before photographs do.
+const SMALLER_PIECES: usize = 8;
+
+/// The photographs and the plan with which every depth map is expected to fit into the memory of `options`: where it
+/// would not, the estimator works in smaller pieces, and if that does not help, photographs are reduced. A warning
+/// tells what was done. Memory of a GPU is not asked for.
+///
+/// # Errors
+/// As [`plan`](fn@crate::plan).
+pub fn fitting(
+    scene: &Scene,
+    photographs: &Photographs,
+    options: &DepthOptions,
+    estimator: &mut Estimator,
+    on_event: &mut dyn FnMut(Event),
+) -> Result<(Photographs, Plan), VamvsError> {
+    let plan = crate::plan(scene, photographs, options)?;
+    let (free, needed) = (options.max_memory.left(), most_bytes(&plan, estimator));
+    if needed <= free || estimator.network().device() != Device::Cpu {
+        return Ok((photographs.clone(), plan));
+    }
+    let pieces = estimator.options_mut();
+    pieces.slab_bytes /= SMALLER_PIECES;
+    pieces.strip_points /= SMALLER_PIECES;
+    let (photographs, plan) = reduced((photographs, plan), scene, options, (estimator, free))?;
+    let size = longest_side(&plan);
+    on_event(Event::Warning(format!(
+        "a depth map takes about {}, and {} of --max-memory {} are free: it is made in smaller pieces, of photographs of {size} pixels, and takes about {}",
+        spelled(needed),
+        spelled(free),
+        options.max_memory,
+        spelled(most_bytes(&plan, estimator)),
+    )));
+    Ok((photographs, plan))
+}
+
+/// The photographs, reduced until depth maps fit.
+fn reduced(
+    (photographs, mut plan): (&Photographs, Plan),
+    scene: &Scene,
+    options: &DepthOptions,
+    (estimator, free): (&Estimator, u64),
+) -> Result<(Photographs, Plan), VamvsError> {
+    let mut photographs = photographs.clone();
+    let sizes = std::iter::successors(Some(longest_side(&plan) as f64 * STEP), |size| Some(size * STEP));
+    for size in sizes.map(|size| size as usize).take_while(|&size| size >= SMALLEST) {
+        if most_bytes(&plan, estimator) <= free {
+            break;
+        }
+        photographs = photographs.reduced_to(size);
+        plan = crate::plan(scene, &photographs, options)?;
+    }
+    Ok((photographs, plan))
+}
+
+/// The longest side of all photographs, pixels.
+fn longest_side(plan: &Plan) -> usize {
+    plan.cameras.iter().map(|camera| camera.size.width.max(camera.size.height)).max().unwrap_or(0)
+}
+
+/// What the largest depth map takes, bytes.
+pub(crate) fn most_bytes(plan: &Plan, estimator: &Estimator) -> u64 {
+    let bytes = |(view, planned): (usize, &ViewPlan)| {
+        estimator.peak_bytes(plan.cameras[view].size, planned.sources.len() + 1, planned.planes.count) as u64
+    };
+    let planned =
+        plan.views.iter().enumerate().filter_map(|(view, planned)| Some((view, planned.as_ref().ok()?)));
+    planned.map(bytes).max().unwrap_or(0)
+}
