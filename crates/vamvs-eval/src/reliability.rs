@@ -3,6 +3,9 @@
 use serde::Serialize;
 use vamvs_core::{Grid, depth_map::is_valid};
 
+/// A depth is right if it is off by at most this, as a share of the true depth.
+pub const RIGHT_WITHIN: f64 = 0.01;
+
 /// Bins of confidence, of equal width.
 pub const BINS: usize = 20;
 
@@ -41,13 +44,12 @@ impl Default for Reliability {
     }
 }
 
-/// The confidence of each pixel that has a true depth and a depth, and whether that depth is right: off by
-/// at most `right_within`, as a share of the true depth.
+/// The confidence of each pixel that has a true depth and a depth, and whether that depth is right, to
+/// [`RIGHT_WITHIN`].
 pub fn outcomes<'a>(
     depth: &'a Grid<f32>,
     confidence: &'a Grid<f32>,
     truth: &'a Grid<f32>,
-    right_within: f64,
 ) -> impl Iterator<Item = (f32, bool)> + 'a {
     let pixels = depth.data().iter().zip(confidence.data()).zip(truth.data());
     let known = pixels.filter(|((depth, confidence), truth)| {
@@ -55,7 +57,7 @@ pub fn outcomes<'a>(
     });
     known.map(move |((depth, confidence), truth)| {
         let (depth, truth) = (f64::from(*depth), f64::from(*truth));
-        (*confidence, (depth - truth).abs() <= right_within * truth)
+        (*confidence, (depth - truth).abs() <= RIGHT_WITHIN * truth)
     })
 }
 
@@ -67,6 +69,13 @@ impl Reliability {
         bin.pixels += 1;
         bin.right += usize::from(right);
         bin.confidence += f64::from(confidence);
+    }
+
+    /// The confidence and the share of right pixels of each bin that has any.
+    #[must_use]
+    pub fn curve(&self) -> Vec<[f64; 2]> {
+        let bins = self.bins.iter().filter(|bin| bin.pixels > 0);
+        bins.map(|bin| [bin.confidence, bin.right as f64].map(|sum| sum / bin.pixels as f64)).collect()
     }
 
     /// Adds the pixels of another.
@@ -138,7 +147,7 @@ mod tests {
         let truth = grid([2.0, 2.0, 0.0, 2.0, 2.0]);
         let depth = grid([2.0, 2.03, 2.0, 0.0, 2.01]);
         let confidence = grid([0.9, 0.5, 0.5, 0.5, f32::NAN]);
-        let found: Vec<_> = outcomes(&depth, &confidence, &truth, 0.01).collect();
+        let found: Vec<_> = outcomes(&depth, &confidence, &truth).collect();
         assert_eq!(found, [(0.9, true), (0.5, false)]);
     }
 }

@@ -1,6 +1,7 @@
 //! What became of each pixel.
 
 use std::fmt;
+use std::iter::Sum;
 use std::ops::AddAssign;
 
 use serde::{Deserialize, Serialize};
@@ -40,9 +41,16 @@ impl FuseReport {
     /// The sum over all views.
     #[must_use]
     pub fn total(&self) -> ViewReport {
-        let mut total = ViewReport::default();
-        self.views.iter().for_each(|view| total += *view);
-        total
+        self.views.iter().copied().sum()
+    }
+}
+
+impl Sum for ViewReport {
+    fn sum<I: Iterator<Item = Self>>(reports: I) -> Self {
+        reports.fold(Self::default(), |mut total, report| {
+            total += report;
+            total
+        })
     }
 }
 

@@ -6,7 +6,6 @@ use vamvs_eval::reliability::outcomes;
 use vamvs_net::{Estimator, Profile};
 
 use crate::sample::{Sample, whole};
-use crate::validate::FAILURE;
 use crate::{Dataset, TrainError, Validation};
 
 /// Groups of pixels of neighbouring confidence whose shares are fitted.
@@ -21,8 +20,8 @@ pub struct Calibration {
     pub after: Reliability,
 }
 
-/// Fits the map from the network's confidence to the share of pixels that are right, off by at most
-/// [`FAILURE`], and puts it into the network's manifest. Every second reference view is fitted to, the
+/// Fits the map from the network's confidence to the share of pixels that are right, to
+/// [`RIGHT_WITHIN`](vamvs_eval::reliability::RIGHT_WITHIN), and puts it into the network's manifest. Every second reference view is fitted to, the
 /// others are measured.
 ///
 /// # Errors
@@ -44,7 +43,7 @@ pub fn calibrate(
         let sample = whole(&dataset.scenes[scene], view, options)?;
         let map = estimate(estimator, &sample)?;
         let truth = sample.true_depths(sample.photos[0].camera.size.width / map.depth.width());
-        let of_view = outcomes(&map.depth, &map.confidence, &truth, FAILURE);
+        let of_view = outcomes(&map.depth, &map.confidence, &truth);
         let set = if index % 2 == 0 { &mut fitted } else { &mut measured };
         set.extend(of_view);
     }

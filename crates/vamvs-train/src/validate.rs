@@ -3,6 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 use vamvs_core::{Grid, Photo, Planes, Visibility};
+use vamvs_eval::reliability::RIGHT_WITHIN;
 use vamvs_net::estimator::to_grid;
 use vamvs_net::{Estimator, Profile};
 
@@ -12,8 +13,6 @@ use crate::sample::{Sample, centres, whole};
 
 /// The paper's d for refined maps, in plane distances; for the coarse map it is 1.
 const REFINED_D: f64 = 0.375;
-/// Error beyond which a depth is a failure, as a share of the true depth.
-pub const FAILURE: f64 = 0.01;
 
 /// What is measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,7 +81,7 @@ impl Region {
         self.within_d += usize::from(planes_off < d);
         self.within_3d += usize::from(planes_off < 3.0 * d);
         // A depth that is no number is a failure.
-        self.failures += usize::from(relative.is_nan() || relative > FAILURE);
+        self.failures += usize::from(relative.is_nan() || relative > RIGHT_WITHIN);
     }
 }
 

@@ -32,9 +32,7 @@ impl FuseSummary {
     /// What became of all pixels.
     #[must_use]
     pub fn total(&self) -> ViewReport {
-        let mut total = ViewReport::default();
-        self.views.iter().for_each(|(_, report)| total += *report);
-        total
+        self.views.iter().map(|(_, report)| *report).sum()
     }
 }
 

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use anyhow::{Result, ensure};
 use serde_json::json;
-use vamvs::measures::Reliability;
 use vamvs::net::{Estimator, EstimatorOptions, Network, open_device};
 use vamvs_picture::{Chart, Curve, Page};
 use vamvs_train::{Calibration, Dataset, Validation, calibrate, write_module};
@@ -49,19 +48,17 @@ fn tell(calibration: &Calibration, arguments: &CalibrateArguments) {
 }
 
 fn draw(calibration: &Calibration, path: &Path) -> Result<()> {
-    let curve = |name: &str, reliability: &Reliability| {
-        let bins = reliability.bins.iter().filter(|bin| bin.pixels > 0);
-        let point = |pixels: usize, sum: f64| sum / pixels as f64;
-        let points = bins.map(|bin| [point(bin.pixels, bin.confidence), point(bin.pixels, bin.right as f64)]);
-        Curve { name: name.to_owned(), points: points.collect() }
-    };
-    let ideal = Curve { name: "should be".to_owned(), points: vec![[0.0; 2], [1.0; 2]] };
+    let curve = |name: &str, points| Curve { name: name.to_owned(), points };
     let mut page = Page::new("Calibration", "How often depths of each confidence are right, to 1 %");
     page.chart(&Chart {
         title: "Share of pixels that are right, on views that were not fitted to",
         across: ("confidence", 1.0),
         top: 1.0,
-        curves: vec![curve("before", &calibration.before), curve("after", &calibration.after), ideal],
+        curves: vec![
+            curve("before", calibration.before.curve()),
+            curve("after", calibration.after.curve()),
+            curve("should be", vec![[0.0; 2], [1.0; 2]]),
+        ],
     });
     Ok(page.save(path)?)
 }

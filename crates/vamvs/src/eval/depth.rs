@@ -20,9 +20,6 @@ const SAME_POSE: f64 = 0.01;
 /// Relative errors of interest.
 const RELATIVE: [f64; 4] = [0.002, 0.005, 0.01, 0.02];
 
-/// The relative error up to which a depth counts as right where confidence is asked.
-pub const RIGHT_WITHIN: f64 = 0.01;
-
 /// Errors of interest in plane distances: those of the paper (section 4.1).
 const PLANES: [f64; 2] = [1.0, 3.0];
 
@@ -52,7 +49,7 @@ pub struct SceneErrors {
     pub views: Vec<ViewErrors>,
     /// Over the pixels of all views.
     pub total: Vec<RegionErrors>,
-    /// How often pixels of each confidence are right: off by at most [`RIGHT_WITHIN`]; without pixels if
+    /// How often pixels of each confidence are right: off by at most [`RIGHT_WITHIN`](vamvs_eval::reliability::RIGHT_WITHIN); without pixels if
     /// there are no confidences.
     pub reliability: Reliability,
 }
@@ -231,7 +228,7 @@ impl DepthScene {
             .add(&pair)
             .map_err(|error| VamvsError::Request(error.to_string()).of_view(self.name(view)))?;
         let mut reliability = Reliability::default();
-        outcomes(&compared.map.depth, &compared.map.confidence, &compared.truth, RIGHT_WITHIN)
+        outcomes(&compared.map.depth, &compared.map.confidence, &compared.truth)
             .for_each(|(confidence, right)| reliability.add(confidence, right));
         Ok((samples, reliability))
     }

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 use vamvs_core::{Cloud, CloudPoint, Grid, Rgb, Size};
-use vamvs_eval::reliability::{Bin, Kept};
+use vamvs_eval::reliability::{Kept, RIGHT_WITHIN};
 use vamvs_eval::{Region, Threshold};
 use vamvs_fusion::MapSource;
 use vamvs_picture::map::{relative_errors, spread, valid};
@@ -12,7 +12,7 @@ use vamvs_picture::{Chart, Curve, Legend, Look, Page, Picture, Scale, Surfels, V
 
 pub use vamvs_picture::number::length;
 
-use super::depth::{ComparedMap, RIGHT_WITHIN, RegionErrors};
+use super::depth::{ComparedMap, RegionErrors};
 use super::scene::{ComparedCloud, SceneEvaluation};
 use crate::VamvsError;
 
@@ -135,8 +135,6 @@ impl SceneEvaluation {
         let points = |of: &dyn Fn(&Kept) -> f64| {
             reliability.kept().iter().map(|kept| [kept.confidence, of(kept)]).collect()
         };
-        let bins = reliability.bins.iter().filter(|bin| bin.pixels > 0);
-        let of_bin = |bin: &Bin| [bin.confidence / bin.pixels as f64, bin.right as f64 / bin.pixels as f64];
         let curve = |name: &str, points| Curve { name: name.to_owned(), points };
         page.heading("Confidence");
         page.chart(&Chart {
@@ -144,7 +142,7 @@ impl SceneEvaluation {
             across: ("confidence", 1.0),
             top: 1.0,
             curves: vec![
-                curve("right", bins.map(of_bin).collect()),
+                curve("right", reliability.curve()),
                 curve("should be", vec![[0.0; 2], [1.0; 2]]),
                 curve("right of kept", points(&|kept| kept.right)),
                 curve("kept", points(&|kept| kept.share)),

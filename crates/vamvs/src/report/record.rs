@@ -70,9 +70,7 @@ impl FusionRecord {
     /// What became of all pixels.
     #[must_use]
     pub fn total(&self) -> ViewReport {
-        let mut total = ViewReport::default();
-        self.views.iter().for_each(|view| total += view.pixels);
-        total
+        self.views.iter().map(|view| view.pixels).sum()
     }
 
     /// What became of a view's pixels, if it took part.
