@@ -10,12 +10,10 @@ use vamvs_tests::{Rendered, fixtures, folder};
 
 const AGGREGATIONS: [&str; 6] = ["avg", "max", "var", "vis-avg", "vis-max", "vis-var"];
 
+/// A small untrained network, or one of the shipped ones in `weights/`.
 fn module(name: &str) -> Network {
-    let root = env!("CARGO_MANIFEST_DIR");
-    let path = match name {
-        "photometric" => format!("{root}/../weights/photometric.pt"),
-        _ => format!("{root}/modules/{name}.pt"),
-    };
+    let folder = if name.starts_with("weights/") { ".." } else { "modules" };
+    let path = format!("{}/{folder}/{name}.pt", env!("CARGO_MANIFEST_DIR"));
     Network::load(path.as_ref(), Device::Cpu).unwrap()
 }
 
@@ -82,7 +80,7 @@ fn the_order_of_source_views_does_not_matter() {
 fn the_result_does_not_depend_on_slabs_strips_or_threads() {
     let views = fixtures::still_life(Size::new(160, 224), 3);
     let photos: Vec<_> = views.iter().map(|view| &view.photo).collect();
-    for name in ["vis-var", "vis-max", "photometric"] {
+    for name in ["vis-var", "vis-max", "weights/photometric"] {
         let planes = planes(&views[0], 24);
         let with = |slab_bytes: usize, strip_points: usize, threads: i32| {
             let network = module(name);
@@ -106,7 +104,7 @@ fn scale_rotation_and_place_of_the_scene_change_nothing() {
     let planes = planes(&views[0], 32);
     let photos: Vec<_> = views.iter().map(|view| &view.photo).collect();
     let rotation = Rotation3::from_euler_angles(0.4, -1.1, 2.0).into_inner();
-    for name in ["photometric", "vis-max"] {
+    for name in ["weights/photometric", "weights/vis-max", "vis-var"] {
         let estimator = estimator(name);
         let original = depth(&estimator, &photos, &planes);
         for scale in [0.001, 1000.0] {
@@ -132,7 +130,7 @@ fn moved(photo: &Photo, scale: f64, rotation: &nalgebra::Matrix3<f64>, shift: &V
 fn photometric_reconstructs_a_tilted_plane() {
     let views = fixtures::tilted_plane(Size::new(480, 360), 5);
     let order = [2, 1, 3, 0, 4];
-    let map = depth(&estimator("photometric"), &order.map(|i| &views[i].photo), &planes(&views[2], 64));
+    let map = depth(&estimator("weights/photometric"), &order.map(|i| &views[i].photo), &planes(&views[2], 64));
     let truth = &views[2].depth;
     let (mut errors, mut inner) = (Vec::new(), Vec::new());
     for y in 0..map.depth.height() {
@@ -158,7 +156,7 @@ fn photometric_reconstructs_a_tilted_plane() {
 #[test]
 fn a_region_gives_the_depth_of_the_whole_there() {
     let views = fixtures::tilted_plane(Size::new(320, 240), 3);
-    let estimator = estimator("photometric");
+    let estimator = estimator("weights/photometric");
     let planes = planes(&views[1], 48);
     let encoded: Vec<_> =
         tch::no_grad(|| views.iter().map(|view| estimator.network().encode(&view.photo).unwrap()).collect());
@@ -183,7 +181,7 @@ fn a_region_gives_the_depth_of_the_whole_there() {
 #[test]
 fn requests_without_sense_are_errors() {
     let views = fixtures::tilted_plane(Size::new(64, 64), 2);
-    let estimator = estimator("photometric");
+    let estimator = estimator("weights/photometric");
     let encoded = estimator.network().encode(&views[0].photo).unwrap();
     let planes = planes(&views[0], 16);
     assert!(estimator.estimate(&encoded, &[], &planes, &mut Profile::default()).is_err());
