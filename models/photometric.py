@@ -58,6 +58,10 @@ class Photometric(nn.Module):
         return self.about
 
     @torch.jit.export
+    def set_manifest(self, about: str) -> None:
+        self.about = about
+
+    @torch.jit.export
     def encode_coarse(self, images: Tensor) -> Tensor:
         half = F.avg_pool2d(self.grey(images), 2)
         return self.gradient_descriptor(half, 4)

@@ -130,7 +130,8 @@ fn moved(photo: &Photo, scale: f64, rotation: &nalgebra::Matrix3<f64>, shift: &V
 fn photometric_reconstructs_a_tilted_plane() {
     let views = fixtures::tilted_plane(Size::new(480, 360), 5);
     let order = [2, 1, 3, 0, 4];
-    let map = depth(&estimator("weights/photometric"), &order.map(|i| &views[i].photo), &planes(&views[2], 64));
+    let map =
+        depth(&estimator("weights/photometric"), &order.map(|i| &views[i].photo), &planes(&views[2], 64));
     let truth = &views[2].depth;
     let (mut errors, mut inner) = (Vec::new(), Vec::new());
     for y in 0..map.depth.height() {

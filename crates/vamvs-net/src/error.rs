@@ -1,5 +1,6 @@
 //! What can go wrong between a module and its geometry.
 
+use std::fmt;
 use std::path::PathBuf;
 
 use tch::TchError;
@@ -15,7 +16,7 @@ pub enum NetError {
         /// The file.
         path: PathBuf,
         /// libtorch's words.
-        source: TchError,
+        source: Libtorch,
     },
     /// A method of the contract is missing or fails.
     #[error("{module}: method `{method}` is missing or failed; expected {expected} (models/README.md)")]
@@ -27,7 +28,7 @@ pub enum NetError {
         /// Its signature by the contract.
         expected: &'static str,
         /// libtorch's words.
-        source: TchError,
+        source: Libtorch,
     },
     /// A method answers with another shape than the contract says.
     #[error(
@@ -66,5 +67,38 @@ pub enum NetError {
     #[error(
         "a tensor operation failed (out of memory? try smaller images with --max-size, or fewer --planes)"
     )]
-    Tensor(#[from] TchError),
+    Tensor(#[source] Libtorch),
+}
+
+/// What libtorch says, without the addresses of its functions that it adds.
+#[derive(Debug)]
+pub struct Libtorch(pub TchError);
+
+impl fmt::Display for Libtorch {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let words = self.0.to_string();
+        let (words, _) = words.split_once("\nException raised from").unwrap_or((&words, ""));
+        out.write_str(words)
+    }
+}
+
+impl std::error::Error for Libtorch {}
+
+impl From<TchError> for NetError {
+    fn from(error: TchError) -> Self {
+        Self::Tensor(Libtorch(error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn libtorch_speaks_without_addresses() {
+        let wrong = tch::Tensor::zeros([2], (tch::Kind::Float, tch::Device::Cpu)).f_view([3]).unwrap_err();
+        assert!(wrong.to_string().contains("frame #0"), "libtorch adds a trace: {wrong}");
+        let said = Libtorch(wrong).to_string();
+        assert!(said.contains("shape '[3]' is invalid") && !said.contains("frame"), "{said}");
+    }
 }

@@ -6,6 +6,7 @@ use std::path::Path;
 use tch::{CModule, IValue, Kind, TchError, Tensor};
 
 use crate::encode::COARSE_SCALE;
+use crate::error::Libtorch;
 use crate::{Device, Manifest, NetError};
 
 /// How normalisation layers behave.
@@ -48,7 +49,7 @@ impl Network {
     /// or gives other shapes than the contract says.
     pub fn load(path: &Path, device: Device) -> Result<Self, NetError> {
         let module = CModule::load_on_device(path, device)
-            .map_err(|source| NetError::NotAModule { path: path.to_owned(), source })?;
+            .map_err(|source| NetError::NotAModule { path: path.to_owned(), source: Libtorch(source) })?;
         Self::new(module, device, path.display().to_string())
     }
 
@@ -58,7 +59,7 @@ impl Network {
     /// As [`Network::load`].
     pub fn from_reader(mut reader: impl Read, device: Device, name: &str) -> Result<Self, NetError> {
         let module = CModule::load_data_on_device(&mut reader, device)
-            .map_err(|source| NetError::NotAModule { path: name.into(), source })?;
+            .map_err(|source| NetError::NotAModule { path: name.into(), source: Libtorch(source) })?;
         Self::new(module, device, name.to_owned())
     }
 
@@ -75,7 +76,7 @@ impl Network {
             module: name.clone(),
             method: "manifest",
             expected: "() → JSON string",
-            source,
+            source: Libtorch(source),
         })?;
         let manifest = Manifest::parse(&text, &name)?;
         let mut network = Self { module, manifest, device, name, widths: Widths::default() };
@@ -264,7 +265,7 @@ impl Network {
     }
 
     fn failed(&self, method: &'static str, expected: &'static str, source: TchError) -> NetError {
-        NetError::Method { module: self.name.clone(), method, expected, source }
+        NetError::Method { module: self.name.clone(), method, expected, source: Libtorch(source) }
     }
 
     /// Checks a shape; `None` stands for any number of channels.

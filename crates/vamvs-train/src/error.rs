@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use tch::TchError;
 use vamvs_io::IoError;
 use vamvs_net::NetError;
+use vamvs_net::error::Libtorch;
 
 /// An error of the training crate.
 #[derive(Debug, thiserror::Error)]
@@ -57,7 +58,13 @@ pub enum TrainError {
     NothingToCalibrate,
     /// A tensor operation failed: out of memory, as a rule.
     #[error("a tensor operation failed (out of memory? try a smaller crop, fewer views or fewer planes)")]
-    Tensor(#[from] TchError),
+    Tensor(#[source] Libtorch),
+}
+
+impl From<TchError> for TrainError {
+    fn from(error: TchError) -> Self {
+        Self::Tensor(Libtorch(error))
+    }
 }
 
 impl TrainError {
