@@ -6,8 +6,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::Duration;
 
-use vamvs_core::{Planes, Size, Spacing};
+use vamvs_core::{Grid, Planes, Size, Spacing, Visibility};
 use vamvs_io::pfm;
+use vamvs_net::cost_volume::sweep;
 use vamvs_net::tch::{self, Kind, Tensor};
 use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Mode, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
@@ -153,7 +154,13 @@ fn job(folder: &Path, out: &str, steps: usize) -> TrainJob {
         training: dataset.clone(),
         validation: dataset,
         options,
-        measure: Validation { views: 3, max_size: 128, max_planes: 16, references: 2 },
+        measure: Validation {
+            views: 3,
+            max_size: 128,
+            max_planes: 16,
+            references: 2,
+            ..Validation::default()
+        },
         validate_every: 1000,
         checkpoint_every: Duration::ZERO,
         out: folder.join(out),
@@ -227,8 +234,7 @@ fn a_calibrated_network_tells_the_fitted_share_as_its_confidence() {
     let mut estimator = Estimator::new(network, options).unwrap();
     let sample = whole(&training.scenes[0], 0, &measure).unwrap();
     let confidence = |estimator: &Estimator| {
-        let encode = |photo| estimator.network().encode(photo).unwrap();
-        let views: Vec<_> = tch::no_grad(|| sample.photos.iter().map(encode).collect());
+        let views = tch::no_grad(|| sample.encode(estimator.network()).unwrap());
         let sources: Vec<_> = views[1..].iter().collect();
         estimator.estimate(&views[0], &sources, &sample.planes, &mut Profile::default()).unwrap().confidence
     };
@@ -247,4 +253,37 @@ fn a_calibrated_network_tells_the_fitted_share_as_its_confidence() {
     // Another fit forgets the first: the same map again.
     calibrate(&mut estimator, &training, &measure).unwrap();
     assert_eq!(estimator.network().manifest().calibration, Some(map));
+}
+
+#[test]
+fn views_can_be_weighted_by_the_true_visibility() {
+    let folder = tempfile::tempdir().unwrap();
+    let TrainJob { training, measure, .. } = job(folder.path(), "out", 1);
+    let network = network("vis-var");
+    let options = EstimatorOptions::of(&network);
+    let estimator = Estimator::new(network, options).unwrap();
+    let mut sample = whole(&training.scenes[0], 0, &measure).unwrap();
+    let views = tch::no_grad(|| sample.encode(estimator.network()).unwrap());
+    assert!(sample.masks(estimator.network(), &views[0]).unwrap().is_none(), "nobody asked for it");
+    sample.true_visibility = true;
+    let unknown = sample.masks(estimator.network(), &views[0]).unwrap_err().to_string();
+    assert!(unknown.contains("true-visibility") && unknown.contains("visibility/"), "{unknown}");
+
+    // The second source sees the left half of the photograph only.
+    let size = sample.truth.depth.size();
+    let half = |x: usize, _: usize| if x < 64 { Visibility::Visible } else { Visibility::Occluded };
+    sample.truth.visibility = vec![Grid::filled(size, Visibility::Visible), Grid::from_fn(size, half)];
+    let masks = sample.masks(estimator.network(), &views[0]).unwrap().unwrap();
+    let left = Tensor::from_slice(&[[1.0_f32; 8], [0.0; 8]].concat())
+        .view([1, 1, 1, 16])
+        .expand([1, 1, 12, 16], false);
+    assert!(masks[0].equal(&left.ones_like()) && masks[1].equal(&left), "{:?}", masks[1]);
+    let swept = |seen| {
+        let sources: Vec<_> = views[1..].iter().collect();
+        let network = estimator.network();
+        tch::no_grad(|| sweep(network, &views[0], &sources, &sample.planes, seen, usize::MAX)).unwrap()
+    };
+    let (own, given) = (swept(None), swept(Some(masks)));
+    assert!(given.visibility[1].equal(&left) && !own.visibility[1].equal(&left));
+    assert!(!own.volume.equal(&given.volume));
 }
