@@ -64,6 +64,24 @@ fn all_aggregations_give_depth_and_confidence_for_any_size_and_number_of_views()
     }
 }
 
+/// The rest of a peak is an estimate, beside which the example `profile` of the network's crate prints what it is.
+#[test]
+fn of_a_peak_features_are_counted_exactly_and_smaller_pieces_take_less() {
+    let size = Size::new(107, 85);
+    let view = &fixtures::still_life(size, 2)[0];
+    for name in AGGREGATIONS.iter().chain(&["photometric"]) {
+        let mut estimator = estimator(name);
+        let features = tch::no_grad(|| estimator.network().encode(&view.photo).unwrap().bytes());
+        let peak = |estimator: &Estimator, views, planes| estimator.peak_bytes(size, views, planes);
+        assert_eq!(peak(&estimator, 6, 48) - peak(&estimator, 5, 48), features, "{name}");
+        let whole = peak(&estimator, 5, 200);
+        assert!(peak(&estimator, 5, 100) < whole, "{name}");
+        estimator.options_mut().slab_bytes = 1 << 16;
+        estimator.options_mut().strip_points = 1 << 10;
+        assert!(peak(&estimator, 5, 200) < whole, "{name}");
+    }
+}
+
 #[test]
 fn the_order_of_source_views_does_not_matter() {
     let views = fixtures::still_life(Size::new(96, 64), 4);
