@@ -32,7 +32,7 @@ pub struct Paper {
     #[arg(long, value_name = "DIR", default_value = "target/paper")]
     out: PathBuf,
     /// Steps of training of each network.
-    #[arg(long, value_name = "N", default_value_t = 1000)]
+    #[arg(long, value_name = "N", default_value_t = 500)]
     steps: usize,
     /// Threads of training and measuring.
     #[arg(long, value_name = "N", default_value_t = 2)]
