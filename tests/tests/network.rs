@@ -69,7 +69,7 @@ fn all_aggregations_give_depth_and_confidence_for_any_size_and_number_of_views()
 fn of_a_peak_features_are_counted_exactly_and_smaller_pieces_take_less() {
     let size = Size::new(107, 85);
     let view = &fixtures::still_life(size, 2)[0];
-    for name in AGGREGATIONS.iter().chain(&["photometric"]) {
+    for name in AGGREGATIONS.iter().chain(&["weights/photometric"]) {
         let mut estimator = estimator(name);
         let features = tch::no_grad(|| estimator.network().encode(&view.photo).unwrap().bytes());
         let peak = |estimator: &Estimator, views, planes| estimator.peak_bytes(size, views, planes);
