@@ -87,7 +87,7 @@ impl Chart<'_> {
             write!(svg, "{x:.1},{y:.1} ")?;
         }
         let (left, name) = (MARGIN[0] + 130.0 * index as f64, escaped(&curve.name));
-        write!(svg, "\"/><text x=\"{left}\" y=\"16\" fill=\"{colour}\">{name}</text>")
+        write!(svg, "\"/><text x=\"{left}\" y=\"16\" style=\"fill:{colour}\">{name}</text>")
     }
 }
 
