@@ -3,7 +3,7 @@
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::{Pinhole, Pose};
+use crate::{Grid, Pinhole, Pose};
 
 /// A box in the world with edges along its axes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,6 +40,30 @@ pub struct PixelBox {
     pub x1: usize,
     /// The row after the last one.
     pub y1: usize,
+}
+
+impl PixelBox {
+    /// The smallest box around all pixels that are `true`, if there are any.
+    #[must_use]
+    pub fn around(mask: &Grid<bool>) -> Option<Self> {
+        let wanted = |(x, y): &(usize, usize)| mask[(*x, *y)];
+        let all = (0..mask.height()).flat_map(|y| (0..mask.width()).map(move |x| (x, y)));
+        let one = |(x, y): (usize, usize)| Self { x0: x, y0: y, x1: x + 1, y1: y + 1 };
+        all.filter(wanted).map(one).reduce(|a, b| Self {
+            x0: a.x0.min(b.x0),
+            y0: a.y0.min(b.y0),
+            x1: a.x1.max(b.x1),
+            y1: a.y1.max(b.y1),
+        })
+    }
+
+    /// What is in both boxes, if anything is.
+    #[must_use]
+    pub fn common(self, other: Self) -> Option<Self> {
+        let [x0, y0] = [self.x0.max(other.x0), self.y0.max(other.y0)];
+        let [x1, y1] = [self.x1.min(other.x1), self.y1.min(other.y1)];
+        (x0 < x1 && y0 < y1).then_some(Self { x0, y0, x1, y1 })
+    }
 }
 
 /// Depths nearer than this share of the box's farthest depth are cut off.
@@ -177,6 +201,18 @@ mod tests {
 
     fn roi(min: [f64; 3], max: [f64; 3]) -> Roi {
         Roi::try_new(Vector3::from(min), Vector3::from(max)).unwrap()
+    }
+
+    #[test]
+    fn a_box_around_a_mask_touches_it_on_all_sides() {
+        let mask =
+            |pixels: &[(usize, usize)]| Grid::from_fn(Size::new(9, 7), |x, y| pixels.contains(&(x, y)));
+        let around = PixelBox::around(&mask(&[(5, 2), (3, 4), (4, 6)]));
+        assert_eq!(around, Some(PixelBox { x0: 3, y0: 2, x1: 6, y1: 7 }));
+        assert_eq!(PixelBox::around(&mask(&[])), None);
+        let (a, b) = (PixelBox { x0: 0, y0: 0, x1: 4, y1: 5 }, PixelBox { x0: 2, y0: 3, x1: 9, y1: 9 });
+        assert_eq!(a.common(b), Some(PixelBox { x0: 2, y0: 3, x1: 4, y1: 5 }));
+        assert_eq!(a.common(PixelBox { x0: 4, ..b }), None);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Scene, Size};
+use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Planes, Rgb, Scene, Size};
 use vamvs_io::image;
 use vamvs_net::{EncodedView, Estimator, Profile};
 
@@ -271,8 +271,9 @@ impl Run<'_> {
         }
         let planned_size = self.job.plan.cameras[view].size;
         let region = plan.region.map(|region| rescaled(region, planned_size, reference.photo.camera.size));
+        let region = if plan.foveated { region } else { unmasked(region, &reference.photo) };
         let maps = self.maps(&reference, &sources, (plan, region), profile)?;
-        if region.is_none() {
+        if plan.region.is_none() {
             let name = &self.job.scene.views[view].name;
             maps.iter().for_each(|map| warn_of_range_ends(name, map, &plan.planes, on_event));
         }
@@ -387,6 +388,16 @@ fn rescaled(region: PixelBox, from: Size, to: Size) -> PixelBox {
         x1: high(region.x1, from.width, to.width),
         y1: high(region.y1, from.height, to.height),
     }
+}
+
+/// The part of the region, or of the whole photograph, that its mask leaves: nothing else is looked at.
+fn unmasked(region: Option<PixelBox>, photo: &Photo) -> Option<PixelBox> {
+    let Some(left) = photo.mask.as_ref().and_then(PixelBox::around) else { return region };
+    let Size { width, height } = photo.camera.size;
+    let whole = PixelBox { x0: 0, y0: 0, x1: width, y1: height };
+    let region = region.unwrap_or(whole);
+    let common = region.common(left).unwrap_or(region);
+    (common != whole).then_some(common)
 }
 
 /// The region with a margin, inside the image.

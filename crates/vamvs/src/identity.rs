@@ -9,7 +9,7 @@ use vamvs_net::EstimatorOptions;
 use crate::{Photographs, VamvsError, ViewPlan};
 
 /// Changes whenever the same inputs give other depth maps.
-const PIPELINE_VERSION: u32 = 1;
+const PIPELINE_VERSION: u32 = 2;
 
 /// Hashes what makes each view's depth map.
 pub struct Identity {
