@@ -2,8 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::time::Instant;
+use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
@@ -12,10 +11,9 @@ use sha2::{Digest, Sha256};
 use vamvs_core::{Grid, Pose, Size};
 use vamvs_io::{image, mvsnet, pfm};
 use vamvs_tests::{Rendered, fixtures};
-use wait4::Wait4;
 
 use crate::step::{cargo, run};
-use crate::vamvs::binary;
+use crate::vamvs::{Taken, binary, measured};
 
 /// Size of the depth maps.
 const SIZE: Size = Size::new(640, 480);
@@ -54,10 +52,7 @@ pub struct Stress {
 struct Measured {
     budget: String,
     threads: usize,
-    wall_seconds: f64,
-    processor_seconds: f64,
-    /// Peak of the memory held, bytes.
-    peak: u64,
+    taken: Taken,
     cloud: [u8; 32],
     points: u64,
 }
@@ -80,22 +75,13 @@ impl Stress {
     fn fuse(&self, budget: &str, threads: usize) -> Result<Measured> {
         let cloud = self.folder.join("fused.ply");
         let mut command = Command::new(binary()?);
-        command.arg("fuse").arg(&self.folder).args(["--json", "--quiet", "--max-memory", budget]);
-        command.args(["--threads", &threads.to_string()]).stdout(Stdio::piped());
-        println!("── vamvs fuse --max-memory {budget} --threads {threads}");
-        let start = Instant::now();
-        let mut child = command.spawn().context("vamvs could not be started")?;
-        let output = child.stdout.take().context("vamvs has no output")?;
-        let summary: serde_json::Value =
-            serde_json::from_reader(output).context("the summary of `vamvs fuse --json`")?;
-        let ended = child.wait4().context("vamvs was lost")?;
-        ensure!(ended.status.success(), "vamvs failed ({}); its message is above", ended.status);
+        command.arg("fuse").arg(&self.folder).args(["--max-memory", budget]);
+        command.args(["--threads", &threads.to_string()]);
+        let (summary, taken) = measured::<serde_json::Value>(&mut command)?;
         Ok(Measured {
             budget: budget.to_owned(),
             threads,
-            wall_seconds: start.elapsed().as_secs_f64(),
-            processor_seconds: (ended.rusage.utime + ended.rusage.stime).as_secs_f64(),
-            peak: ended.rusage.maxrss,
+            taken,
             cloud: digest(&cloud)?,
             points: summary["points"].as_u64().context("the summary tells no number of points")?,
         })
@@ -115,15 +101,15 @@ fn print_table(measured: &[Measured], pixels: usize) {
         "budget", "threads", "wall", "processor", "Mpixel/s", "peak", "points"
     );
     for m in measured {
-        let rate = pixels as f64 / 1e6 / m.wall_seconds;
+        let rate = pixels as f64 / 1e6 / m.taken.seconds;
         let hash: String = m.cloud[..4].iter().map(|byte| format!("{byte:02x}")).collect();
         println!(
             "{:>8} {:>8} {:>6.1} s {:>8.1} s {rate:>10.2} {:>4} MiB {:>12}  {hash}",
             m.budget,
             m.threads,
-            m.wall_seconds,
-            m.processor_seconds,
-            m.peak >> 20,
+            m.taken.seconds,
+            m.taken.processor_seconds,
+            m.taken.peak_bytes >> 20,
             m.points
         );
     }

@@ -10,6 +10,7 @@ use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use vamvs_fusion::ViewReport;
+use wait4::Wait4;
 
 use crate::setup;
 use crate::step::{cargo, run};
@@ -67,6 +68,34 @@ pub fn told<T: DeserializeOwned>(command: &mut Command) -> Result<T> {
     let output = command.stderr(Stdio::inherit()).output().context("vamvs could not be started")?;
     ensure!(output.status.success(), "vamvs failed ({}); its message is above", output.status);
     serde_json::from_slice(&output.stdout).context("what `vamvs --json` printed")
+}
+
+/// Time and memory that a command took.
+pub struct Taken {
+    /// Wall-clock time.
+    pub seconds: f64,
+    /// Of all threads, also the system's on their behalf.
+    pub processor_seconds: f64,
+    /// Peak of the memory held, bytes.
+    pub peak_bytes: u64,
+}
+
+/// Runs a command with `--json` and `--quiet`; what it prints, and what it took.
+pub fn measured<T: DeserializeOwned>(command: &mut Command) -> Result<(T, Taken)> {
+    command.args(["--json", "--quiet"]).stdout(Stdio::piped());
+    println!("── {}", spelled(command));
+    let start = Instant::now();
+    let mut child = command.spawn().context("vamvs could not be started")?;
+    let output = child.stdout.take().context("vamvs has no output")?;
+    let told = serde_json::from_reader(output);
+    let ended = child.wait4().context("vamvs was lost")?;
+    ensure!(ended.status.success(), "vamvs failed ({}); its message is above", ended.status);
+    let taken = Taken {
+        seconds: start.elapsed().as_secs_f64(),
+        processor_seconds: (ended.rusage.utime + ended.rusage.stime).as_secs_f64(),
+        peak_bytes: ended.rusage.maxrss,
+    };
+    Ok((told.context("what `vamvs --json` printed")?, taken))
 }
 
 /// The release build, beside the build that this program is of.

@@ -152,7 +152,7 @@ impl Run<'_> {
             };
             done += usize::from(plan.is_ok());
             if let Outcome::LeftOut(reason) = outcome {
-                self.leave_out(view, name, reason, on_event)?;
+                self.leave_out(view, LeftOut { view: name, reason }, on_event)?;
                 continue;
             }
             let resumed = matches!(outcome, Outcome::Resumed);
@@ -186,13 +186,12 @@ impl Run<'_> {
     fn leave_out(
         &mut self,
         view: usize,
-        name: String,
-        reason: String,
+        left_out: LeftOut,
         on_event: &mut dyn FnMut(Event),
     ) -> Result<(), VamvsError> {
-        on_event(Event::Warning(format!("{name} is left out: {reason}")));
+        on_event(Event::left_out(&left_out));
         self.left_out.insert(view);
-        self.summary.skipped.push(LeftOut { view: name, reason });
+        self.summary.skipped.push(left_out);
         self.map_names(view).iter().try_for_each(|name| self.job.output.discard(name))
     }
 

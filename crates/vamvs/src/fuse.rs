@@ -81,14 +81,14 @@ pub fn fuse(
 
 /// The views of which no point can be confirmed.
 fn alone(maps: &Maps, neighbours: &[Vec<usize>], min_views: usize) -> Vec<LeftOut> {
-    let views = maps.names().iter().zip(neighbours);
-    let alone = views.filter(|(_, others)| others.len() + 1 < min_views);
+    let places = neighbours.iter().map(|others| maps.places(others));
+    let alone = maps.names().iter().zip(places).filter(|(_, others)| others + 1 < min_views);
     let reason = |count| {
         format!(
             "{count} other view(s) see the same surfaces, and {min_views} must agree on a point, its own included (--min-views)"
         )
     };
-    alone.map(|(name, others)| LeftOut { view: name.clone(), reason: reason(others.len()) }).collect()
+    alone.map(|(name, others)| LeftOut { view: name.clone(), reason: reason(others) }).collect()
 }
 
 /// Tells of depth maps that took more than they should.

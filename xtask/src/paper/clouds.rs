@@ -1,15 +1,13 @@
 //! Clouds of the large scene: their quality, and the time and memory that they take.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use nalgebra::Vector2;
-use serde::de::DeserializeOwned;
 use serde_json::Value;
 use vamvs_core::lift::lift;
 use vamvs_io::{mvsnet, pfm};
-use wait4::Wait4;
 
 use super::networks::Variant;
 use super::page::share;
@@ -108,7 +106,7 @@ fn reconstruct(lab: &Lab, name: &str, network: &str, more: &[&str]) -> Result<Cl
     command.args(["reconstruct", "--cams", &text(&scene.join("cams"))]);
     command.args(["--images", &text(&scene.join("images")), "--weights", network, "--out", &text(&out)]);
     command.args(["--views", "5", "--planes", "96", "--force", "--no-report", "--threads", &lab.threads()]);
-    let (summary, peak_bytes) = told_with_peak::<Value>(command.args(more))?;
+    let (summary, taken) = vamvs::measured::<Value>(command.args(more))?;
     let points = summary["fusion"]["points"].as_u64().context("the summary tells no points")?;
     let stages = summary["depth"]["seconds"].as_object().context("the summary tells no seconds")?;
     let made = summary["depth"]["made"].as_f64().context("the summary tells no maps")?;
@@ -120,7 +118,8 @@ fn reconstruct(lab: &Lab, name: &str, network: &str, more: &[&str]) -> Result<Cl
     let seconds = [spent(&|stage| !["read", "write"].contains(&stage)), spent(&of_flow)];
     let size = pfm::read_depth(&out.join("depths/00000000.pfm"))?.size();
     let agreement = if points > 0 { Some(agreement(&out, &scene)?) } else { None };
-    Ok(Cloud { size: format!("{}×{}", size.width, size.height), peak_bytes, seconds, points, agreement })
+    let size = format!("{}×{}", size.width, size.height);
+    Ok(Cloud { size, peak_bytes: taken.peak_bytes, seconds, points, agreement })
 }
 
 fn agreement(out: &Path, scene: &Path) -> Result<[f64; 3]> {
@@ -130,15 +129,4 @@ fn agreement(out: &Path, scene: &Path) -> Result<[f64; 3]> {
     let value =
         |name: &str| finest[name].as_f64().with_context(|| format!("the cloud's scores have no {name}"));
     Ok([value("precision")?, value("recall")?, value("f_score")?])
-}
-
-/// Runs a command with `--json`; what it prints, and its peak memory.
-fn told_with_peak<T: DeserializeOwned>(command: &mut Command) -> Result<(T, u64)> {
-    command.args(["--json", "--quiet"]).stdout(Stdio::piped());
-    let mut child = command.spawn().context("vamvs could not be started")?;
-    let output = child.stdout.take().context("vamvs has no output")?;
-    let told = serde_json::from_reader(output);
-    let ended = child.wait4().context("vamvs was lost")?;
-    ensure!(ended.status.success(), "vamvs failed ({}); its message is above", ended.status);
-    Ok((told.context("what `vamvs --json` printed")?, ended.rusage.maxrss))
 }

@@ -31,7 +31,7 @@ pub fn markdown(sections: &[Section], steps: usize) -> String {
 fn introduction(steps: usize) -> String {
     format!(
         "# The paper's experiments\n\n\
-         Written by `cargo xtask paper`; `cargo xtask paper table-1` and so on run one of them.\n\n\
+         Written by `cargo xtask paper`; `cargo xtask paper table1` and so on run one of them.\n\n\
          Every network here has half the paper's channels (`models/export.py --thin {THIN}`) and was trained for \
          {steps} steps of one sample: 160×128 pixels, 3 views, 48 planes at most, AdamW; a few minutes on two \
          processor cores, where the paper's trained for days on four GPUs. The scenes are clutter of made \

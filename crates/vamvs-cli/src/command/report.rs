@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::Result;
+use vamvs::io::masks::Masks;
 use vamvs::report::{self, FusionRecord};
 use vamvs::{FuseSummary, Maps};
 
@@ -13,7 +14,9 @@ use crate::settings::Settings;
 /// Runs the command.
 pub fn run(arguments: &ReportArguments) -> Result<()> {
     let progress = Progress::new(arguments.quiet);
-    let path = report::write(&arguments.out, &mut |event| progress.show(event));
+    let mut show = |event| progress.show(event);
+    let maps = Maps::open(&arguments.out, Masks::None, &mut show)?.readable(&mut show)?;
+    let path = report::write(&maps, &mut show);
     progress.finish();
     println!("{}", path?.display());
     Ok(())
@@ -30,7 +33,7 @@ pub fn keep(
     let Some(record) = FusionRecord::of(maps, cloud, &settings.fusion, fused) else { return Ok(()) };
     record.save(maps.root())?;
     if wanted {
-        let path = report::write(maps.root(), &mut |event| progress.show(event))?;
+        let path = report::write(maps, &mut |event| progress.show(event))?;
         progress.say(&format!("report {}", path.display()));
     }
     Ok(())

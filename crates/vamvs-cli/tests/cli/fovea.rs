@@ -33,3 +33,12 @@ fn a_fovea_is_dense_and_its_surroundings_are_there_thinner() {
     assert_eq!(without_roi.status.code(), Some(1));
     assert!(stderr(&without_roi).contains("--roi"));
 }
+
+#[test]
+fn the_maps_of_one_photograph_do_not_confirm_each_other() {
+    let scene = Scene::new(160, 120, 2);
+    let roi = ["--roi", "-0.15", "-0.15", "-5", "0.15", "0.15", "5"];
+    let arguments = [&["--weights", "photometric", "--min-views", "3", "--fovea"], &roi[..]].concat();
+    let message = stderr(&scene.run("reconstruct", &arguments));
+    assert!(message.contains("1 other view(s) see the same surfaces, and 3 must agree"), "{message}");
+}

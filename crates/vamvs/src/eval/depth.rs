@@ -49,8 +49,8 @@ pub struct SceneErrors {
     pub views: Vec<ViewErrors>,
     /// Over the pixels of all views.
     pub total: Vec<RegionErrors>,
-    /// How often pixels of each confidence are right: off by at most [`RIGHT_WITHIN`](vamvs_eval::reliability::RIGHT_WITHIN); without pixels if
-    /// there are no confidences.
+    /// How often pixels of each confidence are right: off by at most
+    /// [`RIGHT_WITHIN`](vamvs_eval::reliability::RIGHT_WITHIN). Without pixels if there are no confidences.
     pub reliability: Reliability,
 }
 

@@ -85,7 +85,7 @@ impl Maps {
     /// # Errors
     /// If fewer than two remain.
     pub fn readable(mut self, on_event: &mut dyn FnMut(Event)) -> Result<Self, VamvsError> {
-        let problem = |view: usize| Ok(self.load(view).err().map(|error| error.in_full()));
+        let problem = |view: usize| Ok(self.checked(view).err().map(|error| error.in_full()));
         let problems = for_all_views(self.len(), problem, &mut |_| ())?;
         let kept: Vec<usize> = (0..self.len()).filter(|&view| problems[view].is_none()).collect();
         let names = self.names.iter().cloned().zip(problems);
@@ -158,10 +158,18 @@ impl Maps {
     /// several maps of a photograph (`--fovea`), those of as many photographs.
     #[must_use]
     pub fn neighbours(&self, count: usize) -> Vec<Vec<usize>> {
-        let photograph = |name: &String| name.split('@').next().unwrap_or(name).to_owned();
-        let photographs: HashSet<String> = self.names.iter().map(photograph).collect();
-        let maps = self.names.len().div_ceil(photographs.len().max(1));
+        let all: Vec<usize> = (0..self.len()).collect();
+        let maps = self.len().div_ceil(self.places(&all).max(1));
         view_selection::select(&self.scene, &self.cameras, count * maps)
+    }
+
+    /// From how many places these views look: maps of one photograph (`--fovea`) look from one.
+    pub(crate) fn places(&self, views: &[usize]) -> usize {
+        let bits = |&view: &usize| -> [u64; 3] {
+            let centre: [f64; 3] = self.pose(view).centre().into();
+            centre.map(f64::to_bits)
+        };
+        views.iter().map(bits).collect::<HashSet<_>>().len()
     }
 
     /// The file of a view's depth map.
@@ -205,6 +213,11 @@ impl Maps {
         })
     }
 
+    /// Reads a view and checks that its files fit together.
+    fn checked(&self, view: usize) -> Result<(), VamvsError> {
+        Ok(self.load(view)?.check(view)?)
+    }
+
     fn mask(&self, view: usize, size: Size) -> Result<Option<Grid<bool>>, VamvsError> {
         let path = self.masks.find(&self.scene.views[view].name);
         Ok(path.map(|path| masks::load(&path, size)).transpose()?)
@@ -223,9 +236,7 @@ impl MapSource for Maps {
         let size = map.depth.size();
         let colour = image::load_rgb(&self.files[view].image)?;
         let colour = if colour.size() == size { colour } else { image::resize(&colour, size) };
-        let loaded = FusionView { colour, mask: self.mask(view, size)?, map };
-        loaded.check(view)?;
-        Ok(loaded)
+        Ok(FusionView { colour, mask: self.mask(view, size)?, map })
     }
 }
 

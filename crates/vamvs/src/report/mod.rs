@@ -6,10 +6,9 @@
 mod record;
 mod view;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use vamvs_fusion::{MapSource, ViewReport};
-use vamvs_io::masks::Masks;
 use vamvs_io::{IoError, ply};
 use vamvs_picture::number::{grouped, percent};
 use vamvs_picture::{CloudView, Legend, Page, Scale, Share, ShownCamera};
@@ -23,14 +22,13 @@ use view::ViewPanel;
 const COLOURS: [&str; 7] =
     ["--lost-0", "--lost-1", "--lost-2", "--lost-3", "--lost-4", "--merged", "--points"];
 
-/// Makes the page of a folder of depth maps, `report.html` in it; gives its path.
+/// Makes the page of depth maps, `report.html` in their folder; gives its path.
 ///
 /// # Errors
-/// If the folder holds no depth maps, a file is missing or malformed, or the page cannot be written.
-pub fn write(folder: &Path, on_event: &mut dyn FnMut(Event)) -> Result<PathBuf, VamvsError> {
-    let maps = Maps::open(folder, Masks::None, &mut |_| ())?.readable(&mut |_| ())?;
+/// If a file is missing or malformed, or the page cannot be written.
+pub fn write(maps: &Maps, on_event: &mut dyn FnMut(Event)) -> Result<PathBuf, VamvsError> {
     let path = maps.root().join("report.html");
-    Report::open(&maps)?.page(on_event)?.save(&path)?;
+    Report::open(maps)?.page(on_event)?.save(&path)?;
     Ok(path)
 }
 
