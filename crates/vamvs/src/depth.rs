@@ -234,10 +234,11 @@ impl Run<'_> {
         Ok(Outcome::Made)
     }
 
-    /// Whether there are depth maps that were made of the same.
+    /// Whether there are undamaged depth maps that were made of the same.
     fn is_there(&self, view: usize, record: &Record) -> bool {
+        let output = self.job.output;
         let same = |saved: Record| saved.made_of == record.made_of;
-        let is_saved = |name: &String| self.job.output.saved(name).is_some_and(same);
+        let is_saved = |name: &String| output.saved(name).is_some_and(same) && output.is_readable(name);
         !self.job.force && self.map_names(view).iter().all(is_saved)
     }
 

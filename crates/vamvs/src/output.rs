@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use vamvs_core::{DepthMap, DepthRange, Grid, Planes, Rgb, View};
+use vamvs_core::{DepthMap, DepthRange, Grid, Planes, Rgb, Size, View};
 use vamvs_io::{IoError, atomic, image, mvsnet, pfm};
 
 use crate::VamvsError;
@@ -248,6 +248,20 @@ impl OutputFolder {
             return None;
         }
         read_json(&self.record(name)).ok()
+    }
+
+    /// Whether the files of a view's depth map can be read, all of them, and are of one size.
+    #[must_use]
+    pub fn is_readable(&self, name: &str) -> bool {
+        let sizes = || -> Result<Vec<Size>, IoError> {
+            mvsnet::read_cam(&self.cam(name), &mvsnet::Options::default())?;
+            let coarse = self.coarse_confidence(name);
+            let coarse = coarse.is_file().then(|| pfm::read(&coarse)).transpose()?;
+            let maps = [pfm::read_depth(&self.depth(name))?, pfm::read(&self.confidence(name))?];
+            let colour = image::load_rgb(&self.image(name))?;
+            Ok(maps.iter().chain(&coarse).map(Grid::size).chain([colour.size()]).collect())
+        };
+        sizes().is_ok_and(|sizes| sizes.iter().all(|size| *size == sizes[0]))
     }
 
     /// `fused.ply`.

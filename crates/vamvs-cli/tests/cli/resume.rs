@@ -42,6 +42,14 @@ fn a_second_run_keeps_what_is_there_and_other_settings_or_photographs_redo_it() 
     assert!(summary(&["--threads", "1"]).starts_with("0 depth maps made, 3 were there"));
     assert!(summary(&["--force"]).starts_with("3 depth maps made, 0 were there"));
     assert!(summary(&["--planes", "24"]).starts_with("3 depth maps made, 0 were there"));
+    // Files are damaged after the run, in two ways.
+    let depth = scene.out().join("depths/0001.pfm");
+    let whole = std::fs::read(&depth).unwrap();
+    std::fs::write(&depth, &whole[..whole.len() / 2]).unwrap();
+    vamvs::io::image::save_png_rgb(&scene.out().join("images/0002.png"), &scene.views[0].photo.image)
+        .unwrap();
+    assert!(summary(&["--planes", "24"]).starts_with("2 depth maps made, 1 were there"));
+    assert!(std::fs::read(&depth).unwrap() == whole);
     // One view's source photograph changes: the maps that use it are made anew.
     let image = scene.path("images/0002.png");
     vamvs::io::image::save_png_rgb(&image, &scene.views[0].photo.image).unwrap();
