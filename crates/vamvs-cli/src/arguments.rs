@@ -321,8 +321,8 @@ pub struct DepthFlags {
     /// auto, cpu, cuda or cuda:N [default: auto].
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
-    /// A quick look at a capture, in a thirtieth of the time for photographs of 1280 pixels, a fifth for 640:
-    /// --max-size 480 --iterations 2, unless these are given.
+    /// A quick look at a capture, in about a tenth of the time: half of --max-size, or of the photographs' size
+    /// if that is less, and --iterations 2, unless these are given.
     #[arg(long)]
     pub preview: bool,
     /// Longer side to which larger photographs are reduced, pixels [default: 1280].

@@ -179,6 +179,7 @@ mod depth {
     use super::*;
     use crate::arguments::{DepthFlags, InputFlags, Spacing};
     use vamvs::Input;
+    use vamvs::core::Scene;
     use vamvs::io::masks::Masks;
     use vamvs::io::mvsnet;
 
@@ -205,9 +206,6 @@ mod depth {
         pub fn apply_depth(&mut self, flags: &DepthFlags) -> Result<()> {
             set(&mut self.weights, flags.weights.clone().map(Some));
             set(&mut self.device, flags.device.clone().map(Some));
-            if flags.preview {
-                self.depth = self.depth.clone().preview();
-            }
             let depth = &mut self.depth;
             set(&mut depth.max_size, flags.max_size);
             set(&mut depth.views, flags.views);
@@ -229,6 +227,20 @@ mod depth {
                 self.fusion.roi = None;
             }
             Ok(())
+        }
+
+        /// With `--preview`, the settings of a quick look at this scene, where flags still win.
+        #[must_use]
+        pub fn previewing(&self, scene: &Scene, flags: &DepthFlags) -> Self {
+            let mut settings = self.clone();
+            if flags.preview {
+                let sides = scene.views.iter().map(|view| view.camera.size);
+                let longer = sides.map(|size| size.width.max(size.height)).max().unwrap_or(0);
+                settings.depth = settings.depth.preview(longer);
+                set(&mut settings.depth.max_size, flags.max_size);
+                set(&mut settings.depth.iterations, flags.iterations.map(Some));
+            }
+            settings
         }
     }
 

@@ -6,6 +6,9 @@ use vamvs_fusion::FuseOptions;
 
 use crate::MemoryLimit;
 
+/// The least that the longer side of photographs may be reduced to, pixels.
+pub(crate) const MIN_SIZE: usize = 64;
+
 /// How depth maps are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
@@ -52,11 +55,13 @@ impl Default for DepthOptions {
 }
 
 impl DepthOptions {
-    /// The same options for a quick look at a capture: photographs of at most 480 pixels and two flow iterations,
-    /// so that depth maps have a quarter of that size. Planes that are chosen from the cameras are fewer then too.
+    /// The same options for a quick look at a capture, whose largest photograph has `longer` pixels on its
+    /// longer side: half the size and two flow iterations, so that depth maps have a quarter of the usual size.
+    /// Planes that are chosen from the cameras are fewer then too.
     #[must_use]
-    pub fn preview(self) -> Self {
-        Self { max_size: 480, iterations: Some(2), ..self }
+    pub fn preview(self, longer: usize) -> Self {
+        let max_size = (self.max_size.min(longer) / 2).max(MIN_SIZE);
+        Self { max_size, iterations: Some(2), ..self }
     }
 }
 

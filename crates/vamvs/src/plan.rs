@@ -6,6 +6,7 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::view_selection;
 use vamvs_core::{DepthRange, Pinhole, Planes, Scene};
 
+use crate::options::MIN_SIZE;
 use crate::photographs::working_cameras;
 use crate::{DepthOptions, Photographs, VamvsError};
 
@@ -73,8 +74,8 @@ fn check(options: &DepthOptions) -> Result<(), VamvsError> {
     if options.fovea && options.roi.is_none() {
         return wrong("fovea needs a region of interest (--roi) that is to be seen sharply".to_owned());
     }
-    if options.max_size < 64 {
-        return wrong(format!("max-size must be at least 64 pixels, got {}", options.max_size));
+    if options.max_size < MIN_SIZE {
+        return wrong(format!("max-size must be at least {MIN_SIZE} pixels, got {}", options.max_size));
     }
     if let Some(planes) = options.planes.filter(|planes| !(8..=2048).contains(planes)) {
         return wrong(format!("planes must be from 8 to 2048, got {planes}"));

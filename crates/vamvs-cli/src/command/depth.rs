@@ -46,12 +46,13 @@ pub fn estimate(
     let input = settings.input.scene()?;
     let loaded = input.load()?;
     loaded.warnings.iter().for_each(|warning| progress.warn(warning));
+    let settings = settings.previewing(&loaded.scene, &arguments.depth);
     let masks = settings.input.masks(&loaded.masks)?;
     let photographs = Photographs::new(&loaded.images, masks.clone(), settings.depth.max_size);
     say_masks(&masks, photographs.masked(&loaded.scene), loaded.scene.views.len(), progress);
     let out = OutputFolder::new(&arguments.out());
     out.expect_apart(settings.input.cams.as_deref())?;
-    let mut estimator = estimator(settings, progress)?;
+    let mut estimator = estimator(&settings, progress)?;
     let mut show = |event| progress.show(event);
     let (photographs, plan) =
         vamvs::fitting(&loaded.scene, &photographs, &settings.depth, &mut estimator, &mut show)?;

@@ -1,6 +1,6 @@
 //! `vamvs fuse` on depth maps with exact truth; needs no network.
 
-use crate::scene::{Scene, error_of, expect_success, stderr, vamvs, write};
+use crate::scene::{Scene, error_of, expect_success, stderr, truncate, vamvs, write};
 use vamvs::core::{Camera, DepthMap, Grid, Lens, View};
 use vamvs::output::{OutputFolder, Record, SavedMap};
 
@@ -106,11 +106,6 @@ fn folders_that_are_none_and_broken_maps_are_named() {
 }
 
 /// Leaves half of a file.
-fn truncate(path: &std::path::Path) {
-    let bytes = std::fs::read(path).unwrap();
-    write(path, &bytes[..bytes.len() / 2]);
-}
-
 #[test]
 fn damaged_maps_are_left_out_as_if_they_were_not_there_and_told() {
     let scene = Scene::new(96, 64, 6);

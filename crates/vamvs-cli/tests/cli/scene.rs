@@ -82,6 +82,12 @@ pub fn write(path: &Path, bytes: impl AsRef<[u8]>) {
     vamvs::io::atomic::write(path, |out| out.write_all(bytes.as_ref())).unwrap();
 }
 
+/// Cuts a file in half.
+pub fn truncate(path: &Path) {
+    let bytes = std::fs::read(path).unwrap();
+    write(path, &bytes[..bytes.len() / 2]);
+}
+
 /// All files below a folder with their bytes.
 pub fn content(folder: &Path) -> std::collections::BTreeMap<PathBuf, Vec<u8>> {
     let mut files = std::collections::BTreeMap::new();
