@@ -1,7 +1,7 @@
 //! All settings of a run: defaults, then the configuration file, then flags. The result is written
 //! beside the outputs, so that a run can be repeated.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
@@ -184,14 +184,16 @@ mod depth {
     use vamvs::io::mvsnet;
 
     impl Settings {
-        /// Lets input flags win. Giving one kind of scene drops the configuration's other kind.
+        /// Lets input flags win. Giving a scene drops the configuration's, with all that belongs to it.
         pub fn apply_input(&mut self, flags: &InputFlags) {
             let InputFlags { cams, colmap, nerfstudio, bundler, nvm, openmvs, .. } = flags;
             let input = &mut self.input;
             let given = [cams, colmap, nerfstudio, bundler, nvm, openmvs];
             if given.iter().any(|kind| kind.is_some()) {
+                if input.kinds().iter().any(|kind| kind.is_some()) {
+                    *input = InputSettings::default();
+                }
                 input.kinds().into_iter().zip(given).for_each(|(kind, flag)| kind.clone_from(flag));
-                input.pairs = None;
             }
             set(&mut input.images, flags.images.clone().map(Some));
             set(&mut input.pairs, flags.pairs.clone().map(Some));
@@ -222,8 +224,8 @@ mod depth {
                 depth.roi = Some(roi);
                 self.fusion.roi = Some(roi);
             }
-            if flags.fovea {
-                depth.fovea = true;
+            depth.fovea |= flags.fovea;
+            if depth.fovea {
                 self.fusion.roi = None;
             }
             Ok(())
@@ -245,6 +247,12 @@ mod depth {
     }
 
     impl InputSettings {
+        /// The files of scenes that are given.
+        pub fn given(&self) -> impl Iterator<Item = &Path> {
+            let Self { cams, colmap, nerfstudio, bundler, nvm, openmvs, .. } = self;
+            [cams, colmap, nerfstudio, bundler, nvm, openmvs].into_iter().filter_map(|kind| kind.as_deref())
+        }
+
         /// The files of the kinds of scenes, of which one is expected.
         pub fn kinds(&mut self) -> [&mut Option<PathBuf>; 6] {
             let Self { cams, colmap, nerfstudio, bundler, nvm, openmvs, .. } = self;

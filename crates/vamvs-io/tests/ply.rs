@@ -97,7 +97,10 @@ fn a_cloud_far_from_the_origin_keeps_its_digits() {
     ply::write(&path, &cloud).unwrap();
     assert!(fs::read(&path).unwrap().windows(17).any(|bytes| bytes == b"property double x"));
     assert_eq!(ply::read(&path).unwrap(), cloud);
-    let near = [point([9000.0, 0.0, 0.0]), point([9001.0, 0.0, 0.0])];
+    // A survey of 600 m in UTM coordinates, whose steps as floats would be half a metre.
+    let survey = [point([691_000.0, 5_334_000.0, 500.0]), point([691_600.0, 5_334_600.0, 520.0])];
+    assert_eq!(ply::Coordinates::fitting(&survey), ply::Coordinates::Double);
+    let near = [point([90.0, 0.0, 0.0]), point([91.0, 0.0, 0.0])];
     assert_eq!(ply::Coordinates::fitting(&near), ply::Coordinates::Float);
     assert_eq!(ply::Coordinates::fitting(&[]), ply::Coordinates::Float);
 }

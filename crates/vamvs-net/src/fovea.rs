@@ -115,7 +115,8 @@ impl Estimator {
         };
         let depth = to_grid(&depth_of(planes, &map.u)?.f_mul_scalar(planes.range.near)?)?;
         let confidence = to_grid(&map.confidence)?;
-        let confidence = if finer.is_none() { self.calibrated(confidence) } else { confidence };
+        let is_last = self.options().iterations.last().is_none_or(|last| last.scale == scale);
+        let confidence = if is_last { self.calibrated(confidence) } else { confidence };
         let coarse = to_grid(&enlarge(coarse_confidence, reference.size_at(scale))?)?;
         Ok(DepthMap {
             camera: Pinhole { size, intrinsics: reference.intrinsics().scaled(ratio, ratio) },

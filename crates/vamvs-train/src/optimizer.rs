@@ -62,6 +62,9 @@ impl Optimizer {
                 if gradient.defined() {
                     weight.follow(&gradient.f_mul_scalar(factor)?, learning_rate, &self.options)?;
                     let _ = gradient.f_zero_()?;
+                } else if weight.steps.double_value(&[0]) > 0.0 {
+                    // A resumed run: the gradient was zero in the run that it continues.
+                    weight.follow(&weight.value.f_zeros_like()?, learning_rate, &self.options)?;
                 }
             }
             Ok(norm)

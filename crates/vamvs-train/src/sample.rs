@@ -318,7 +318,8 @@ fn planes(
 ) -> Result<Planes, TrainError> {
     let range = true_range(depth, view)?;
     let mut jitter = |low: f64, high: f64| (options.range_jitter * rng.random_range(low..=high)).exp();
-    let range = DepthRange { near: range.near * jitter(-1.0, 0.1), far: range.far * jitter(-0.1, 1.0) };
+    let [near, far] = [range.near * jitter(-1.0, 0.1), range.far * jitter(-0.1, 1.0)];
+    let range = DepthRange::try_new(near, far).unwrap_or(range);
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
     let fitting = Planes::fitting(range, cameras[0], &cameras[1..], options.max_planes);
     let count = (fitting.count as f64 * rng.random_range(0.7..=1.3)) as usize;

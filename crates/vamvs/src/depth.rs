@@ -72,7 +72,7 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
     let names = names(&job.scene.views);
     prepare(job)?;
     let begin = Instant::now();
-    let identity = Identity::new(job.module, job.estimator.options(), job.scene, job.photographs)?;
+    let identity = Identity::new(job.module, job.estimator.options(), job.scene, job.photographs);
     let summary = DepthSummary { reading: begin.elapsed(), ..DepthSummary::default() };
     let for_maps = most_bytes(job.plan, job.estimator);
     let capacity = job.options.max_memory.left().saturating_sub(for_maps) as usize;
@@ -94,7 +94,7 @@ pub fn prepare(job: &DepthJob) -> Result<(), VamvsError> {
     let planned = (0..names.len()).filter(|&view| job.plan.views[view].is_ok());
     let maps: Vec<String> = planned.flat_map(|view| map_names(job, view, &names[view])).collect();
     job.output.prepare(&maps.iter().map(String::as_str).collect::<Vec<_>>())?;
-    job.output.remove_pairs()
+    job.output.forget_views()
 }
 
 /// The names of a view's depth maps: its own, and with `--fovea` those of its coarser maps before it, with
@@ -212,7 +212,7 @@ impl Run<'_> {
         }
         let mut profile = Profile::default();
         let made = match self.make(view, plan, &mut profile, on_event) {
-            Err(error) if error.is_out_of_memory() => self.make_smaller(view, plan, &mut profile, on_event),
+            Err(error) if error.is_out_of_memory() => self.make_with_less(view, plan, &mut profile, on_event),
             made => made,
         };
         let Made { maps, record } = match made {
@@ -286,6 +286,21 @@ impl Run<'_> {
         Ok(Made { maps, record: self.record(view, &self.usable(plan)) })
     }
 
+    /// Makes one depth map without features of other views in memory, or if that does not suffice, a smaller one.
+    fn make_with_less(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        profile: &mut Profile,
+        on_event: &mut dyn FnMut(Event),
+    ) -> Result<Made, VamvsError> {
+        self.features.clear();
+        match self.make(view, plan, profile, on_event) {
+            Err(error) if error.is_out_of_memory() => self.make_smaller(view, plan, profile, on_event),
+            made => made,
+        }
+    }
+
     /// Makes one depth map of photographs of half the size, which take a quarter of the memory.
     fn make_smaller(
         &mut self,
@@ -294,7 +309,8 @@ impl Run<'_> {
         profile: &mut Profile,
         on_event: &mut dyn FnMut(Event),
     ) -> Result<Made, VamvsError> {
-        let half = self.features.photographs.max_size() / 2;
+        let planned = self.job.plan.cameras[view].size;
+        let half = self.features.photographs.max_size().min(planned.width.max(planned.height)) / 2;
         let name = &self.job.scene.views[view].name;
         on_event(Event::Warning(format!("{name}: memory does not suffice; tried again at {half} pixels")));
         self.features.clear();

@@ -1,12 +1,9 @@
 //! The hash of all that makes a depth map: equal hashes, equal maps.
 
-use std::path::Path;
-
 use vamvs_core::{Scene, View};
-use vamvs_io::IoError;
 use vamvs_net::EstimatorOptions;
 
-use crate::{Photographs, VamvsError, ViewPlan};
+use crate::{Photographs, ViewPlan};
 
 /// Changes whenever the same inputs give other depth maps.
 const PIPELINE_VERSION: u32 = 2;
@@ -19,19 +16,13 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Hashes the module, the options and every photograph.
-    pub fn new(
-        module: &[u8],
-        options: &EstimatorOptions,
-        scene: &Scene,
-        photographs: &Photographs,
-    ) -> Result<Self, VamvsError> {
+    /// Hashes the module, the options and every photograph. One that cannot be read has a hash too: the view is
+    /// left out when its turn comes.
+    pub fn new(module: &[u8], options: &EstimatorOptions, scene: &Scene, photographs: &Photographs) -> Self {
         use rayon::prelude::*;
         // Slabs and strips bound the memory and change nothing of the result.
         let common = format!("{PIPELINE_VERSION} {} {:?}", blake3::hash(module), options.iterations);
-        let views =
-            scene.views.par_iter().map(|view| hash_view(view, photographs)).collect::<Result<_, _>>()?;
-        Ok(Self { common, views })
+        Self { common, views: scene.views.par_iter().map(|view| hash_view(view, photographs)).collect() }
     }
 
     /// The hash of what makes the depth map of `view` by `plan`, of photographs reduced to `max_size` pixels.
@@ -46,19 +37,14 @@ impl Identity {
     }
 }
 
-fn hash_view(view: &View, photographs: &Photographs) -> Result<blake3::Hash, VamvsError> {
+fn hash_view(view: &View, photographs: &Photographs) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
     hasher.update(format!("{:?} {:?}", view.camera, view.cam_from_world).as_bytes());
-    hash_file(&mut hasher, &photographs.path(view))?;
-    if let Some(mask) = photographs.mask_path(view) {
-        hash_file(&mut hasher, &mask)?;
+    for path in [Some(photographs.path(view)), photographs.mask_path(view)].into_iter().flatten() {
+        let read = std::fs::File::open(path).and_then(|file| hasher.update_reader(file).map(drop));
+        if let Err(error) = read {
+            hasher.update(error.to_string().as_bytes());
+        }
     }
-    Ok(hasher.finalize())
-}
-
-fn hash_file(hasher: &mut blake3::Hasher, path: &Path) -> Result<(), VamvsError> {
-    let failed = |source| IoError::System { action: "read", path: path.to_owned(), source };
-    let file = std::fs::File::open(path).map_err(failed)?;
-    hasher.update_reader(file).map_err(failed)?;
-    Ok(())
+    hasher.finalize()
 }

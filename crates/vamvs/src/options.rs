@@ -56,12 +56,12 @@ impl Default for DepthOptions {
 
 impl DepthOptions {
     /// The same options for a quick look at a capture, whose largest photograph has `longer` pixels on its
-    /// longer side: half the size and two flow iterations, so that depth maps have a quarter of the usual size.
-    /// Planes that are chosen from the cameras are fewer then too.
+    /// longer side: half the usual size and two flow iterations, so that depth maps have a quarter of the usual
+    /// size. Planes that are chosen from the cameras are fewer then too. The preview of a preview is itself.
     #[must_use]
     pub fn preview(self, longer: usize) -> Self {
-        let max_size = (self.max_size.min(longer) / 2).max(MIN_SIZE);
-        Self { max_size, iterations: Some(2), ..self }
+        let half = (Self::default().max_size.min(longer) / 2).max(MIN_SIZE);
+        Self { max_size: self.max_size.min(half), iterations: Some(2), ..self }
     }
 }
 

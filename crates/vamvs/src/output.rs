@@ -170,12 +170,18 @@ impl OutputFolder {
         Ok(mvsnet::write_pairs(&self.pairs(), &ids, sources)?)
     }
 
-    /// Removes `pair.txt`, which speaks of views that may not be there yet.
+    /// Removes what tells which views have depth maps, `pair.txt` and `left-out.json`: a run may change it.
     ///
     /// # Errors
-    /// If it cannot be removed.
-    pub fn remove_pairs(&self) -> Result<(), VamvsError> {
-        remove(&self.pairs())
+    /// If one cannot be removed.
+    pub fn forget_views(&self) -> Result<(), VamvsError> {
+        [self.pairs(), self.left_out_file()].iter().try_for_each(|file| remove(file))
+    }
+
+    /// `fusion.json`: what the last fusion did.
+    #[must_use]
+    pub fn fusion(&self) -> PathBuf {
+        self.root.join("fusion.json")
     }
 
     /// Keeps which views have no depth map, and why; no file if all have one.
@@ -212,21 +218,23 @@ impl OutputFolder {
         }
     }
 
-    /// Saves a depth map with all that belongs to it; the record comes last, so that a depth map with a
-    /// record is complete.
+    /// Saves a depth map with all that belongs to it. The camera, without which it is not there for others, comes
+    /// after all files, and the record last, so that a depth map with a record is complete. The record of a fusion is
+    /// removed: it was of other depth maps.
     ///
     /// # Errors
     /// If a file cannot be written.
     pub fn save(&self, name: &str, saved: &SavedMap, record: &Record) -> Result<(), VamvsError> {
         let map = saved.map;
-        remove(&self.record(name))?;
-        mvsnet::write_cam(&self.cam(name), &map.camera, &map.cam_from_world, Some(saved.range))?;
+        remove(&self.fusion())?;
+        self.discard(name)?;
         image::save_png_rgb(&self.image(name), saved.colour)?;
         pfm::write(&self.confidence(name), &map.confidence)?;
         if let Some(coarse) = &map.coarse_confidence {
             pfm::write(&self.coarse_confidence(name), coarse)?;
         }
         pfm::write(&self.depth(name), &map.depth)?;
+        mvsnet::write_cam(&self.cam(name), &map.camera, &map.cam_from_world, Some(saved.range))?;
         write_json(&self.record(name), record)
     }
 
@@ -236,8 +244,8 @@ impl OutputFolder {
     /// If a file cannot be removed.
     pub fn discard(&self, name: &str) -> Result<(), VamvsError> {
         let files =
-            [self.record(name), self.depth(name), self.confidence(name), self.coarse_confidence(name)];
-        files.iter().chain(&[self.image(name), self.cam(name)]).try_for_each(|file| remove(file))
+            [self.record(name), self.cam(name), self.depth(name), self.confidence(name), self.image(name)];
+        files.iter().chain(&[self.coarse_confidence(name)]).try_for_each(|file| remove(file))
     }
 
     /// The record of a view's depth map, if there is a complete one.
@@ -272,7 +280,7 @@ impl OutputFolder {
 }
 
 /// The views' names in the output folder: those of the photographs without extension, or with it where
-/// two photographs differ in nothing else.
+/// two photographs differ in nothing else, or with their number where they differ only in how folders are told.
 #[must_use]
 pub fn names(views: &[View]) -> Vec<String> {
     let flat = |view: &View| view.name.replace('/', "__");
@@ -282,7 +290,15 @@ pub fn names(views: &[View]) -> Vec<String> {
     };
     let mut count = HashMap::new();
     views.iter().for_each(|view| *count.entry(stem(view)).or_insert(0) += 1);
-    views.iter().map(|view| if count[&stem(view)] == 1 { stem(view) } else { flat(view) }).collect()
+    let mut names: Vec<String> =
+        views.iter().map(|view| if count[&stem(view)] == 1 { stem(view) } else { flat(view) }).collect();
+    let mut taken = HashSet::new();
+    for (number, name) in names.iter_mut().enumerate() {
+        while !taken.insert(name.clone()) {
+            name.push_str(&format!("_{number}"));
+        }
+    }
+    names
 }
 
 /// Writes a value as JSON, whole or not at all.

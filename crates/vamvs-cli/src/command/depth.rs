@@ -52,7 +52,10 @@ pub fn estimate(
     say_masks(&masks, photographs.masked(&loaded.scene), loaded.scene.views.len(), progress);
     let out = OutputFolder::new(&arguments.out());
     out.expect_apart(settings.input.cams.as_deref())?;
-    let mut estimator = estimator(&settings, progress)?;
+    let inputs = settings.input.given().chain([loaded.images.as_path()]);
+    settings.export.expect_apart(out.root(), inputs)?;
+    let chosen = arguments.depth.preview && arguments.depth.iterations.is_none();
+    let mut estimator = estimator(&settings, chosen, progress)?;
     let mut show = |event| progress.show(event);
     let (photographs, plan) =
         vamvs::fitting(&loaded.scene, &photographs, &settings.depth, &mut estimator, &mut show)?;
@@ -74,14 +77,15 @@ pub fn estimate(
     Ok(summary)
 }
 
-fn estimator(settings: &Settings, progress: &Progress) -> Result<Estimator> {
+/// The network with as many iterations as are wanted, or, if `preview` chose their number, at most those.
+fn estimator(settings: &Settings, preview: bool, progress: &Progress) -> Result<Estimator> {
     let device = open_device(settings.device.as_deref().unwrap_or("auto"))?;
     let network = weights::load(settings.weights.as_deref(), device)?;
     progress.say(&format!("network {} on {}", network.manifest().name, device_name(device)));
     let mut options = EstimatorOptions::of(&network);
     let available = options.iterations.len();
     let wanted = settings.depth.iterations.unwrap_or(available);
-    if wanted > available {
+    if wanted > available && !preview {
         bail!(
             "{wanted} iterations are asked for, but the network {} has {available} (--iterations)",
             network.manifest().name

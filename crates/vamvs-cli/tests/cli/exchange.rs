@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::fuse::true_maps;
-use crate::scene::{Scene, error_of, expect_success, vamvs};
+use crate::scene::{Scene, content, error_of, expect_success, vamvs};
 use vamvs::core::{Cloud, Grid, Lens};
 use vamvs::io::colmap::{Model, dense};
 use vamvs::io::{image, ply};
@@ -76,11 +76,43 @@ fn the_folder_of_a_network_is_fused_like_our_own() {
     std::fs::rename(network.join("depths"), network.join("depth_est")).unwrap();
     expect_same(&fuse(&network, &[]), &cloud);
     expect_same(&fuse(&network.join("depth_est"), &[]), &cloud);
+    // Our export beside the network's maps does not take their place.
+    expect_same(&fuse(&network, &["--depth-format", "exr"]), &cloud);
+    expect_same(&fuse(&network, &[]), &cloud);
     // A network that tells no confidence, one of the maps missing.
     std::fs::remove_dir_all(network.join("confidence")).unwrap();
     std::fs::remove_file(network.join("depth_est/0003.pfm")).unwrap();
     let fewer = fuse(&network, &[]);
     assert!(!fewer.is_empty() && fewer.len() < cloud.len());
+}
+
+#[test]
+fn nothing_is_exported_over_what_is_read() {
+    let scene = Scene::new(64, 48, 3);
+    let folder = true_maps(&scene);
+    fuse(folder.root(), &["--export", "colmap"]);
+    let workspace = folder.root().join("colmap");
+    let before = content(&workspace);
+    let again = |arguments: &[&str]| {
+        let cloud = folder.root().join("again.ply");
+        let output = vamvs().arg("fuse").arg(&workspace).arg("--out").arg(&cloud).args(arguments).output();
+        assert!(error_of(&output.unwrap()).contains("choose another --out"));
+        assert!(!cloud.exists());
+    };
+    again(&["--export", "colmap"]);
+    #[cfg(feature = "net")]
+    {
+        let mut reconstruct = vamvs();
+        reconstruct.args(["reconstruct", "--export", "colmap", "--weights", "photometric"]);
+        reconstruct
+            .arg("--colmap")
+            .arg(workspace.join("sparse"))
+            .arg("--images")
+            .arg(workspace.join("images"));
+        let output = reconstruct.arg("--out").arg(folder.root()).output().unwrap();
+        assert!(error_of(&output).contains("choose another --out"));
+    }
+    assert!(content(&workspace) == before);
 }
 
 #[test]

@@ -29,6 +29,11 @@ fn a_fovea_is_dense_and_its_surroundings_are_there_thinner() {
     let shares = [true, false].map(|wanted| count(&foveated, wanted) / count(&whole, wanted));
     assert!(shares[0] > 0.8, "the region is as dense: {shares:?}");
     assert!((0.02..0.4).contains(&shares[1]), "its surroundings are there, thinner: {shares:?}");
+    // Settings that say so already, and the region from the command line.
+    let settings = scene.path("fovea.toml");
+    crate::scene::write(&settings, "[depth]\nfovea = true\n");
+    let (again, _) = reconstruct(&[&["--config", settings.to_str().unwrap(), "--roi"], &roi[..]].concat());
+    assert_eq!(again.len(), foveated.len());
     let without_roi = scene.run("depth", &["--fovea"]);
     assert_eq!(without_roi.status.code(), Some(1));
     assert!(stderr(&without_roi).contains("--roi"));

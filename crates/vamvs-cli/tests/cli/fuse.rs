@@ -149,6 +149,8 @@ fn names_differ_even_where_photographs_differ_only_in_folder_or_extension() {
     };
     let names = vamvs::output::names(&[view("a/x.jpg"), view("b/x.jpg"), view("y.jpg"), view("y.png")]);
     assert_eq!(names, ["a__x", "b__x", "y.jpg", "y.png"]);
+    let names = vamvs::output::names(&[view("a/x.jpg"), view("a__x.jpg"), view("a__x.png")]);
+    assert_eq!(names, ["a__x.jpg", "a__x.jpg_1", "a__x.png"]);
     let help = vamvs().args(["fuse", "--help"]).output().unwrap();
     assert!(help.status.success() && stderr(&help).is_empty());
 }

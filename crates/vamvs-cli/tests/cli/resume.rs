@@ -70,6 +70,11 @@ fn a_preview_is_smaller_is_recorded_and_gives_way_to_flags() {
     // 640×480 pixels become 320×240, and two iterations end at a quarter of that.
     assert_eq!(size, vamvs::core::Size::new(80, 60));
     assert!(settings.contains("max-size = 320") && settings.contains("iterations = 2"), "{settings}");
+    // The settings of a preview are a preview of that size.
+    let kept = scene.path("preview.toml");
+    crate::scene::write(&kept, &settings);
+    let (again, _) = size_and_settings(&["--preview", "--config", kept.to_str().unwrap()]);
+    assert_eq!(again, size);
     let (size, settings) = size_and_settings(&["--preview", "--max-size", "160", "--iterations", "1"]);
     assert_eq!(size, vamvs::core::Size::new(20, 15));
     assert!(settings.contains("max-size = 160") && settings.contains("iterations = 1"), "{settings}");

@@ -12,8 +12,8 @@ use crate::IoError;
 use crate::atomic::AtomicFile;
 
 /// Ratio of the largest coordinate to the cloud's extent above which floats do not suffice: a float
-/// has 2²⁴ steps, so that at this ratio the extent has some 1700 of them.
-const FAR_FROM_ORIGIN: f64 = 1e4;
+/// has 2²⁴ steps, so that at this ratio the extent has some 170 000 of them.
+const FAR_FROM_ORIGIN: f64 = 1e2;
 
 /// The weights of a point's views: all alike, and as many as a `uchar` counts.
 const WEIGHTS: [f32; 255] = [1.0; 255];
@@ -31,7 +31,7 @@ pub enum Coordinates {
 }
 
 impl Coordinates {
-    /// `Double` if the largest absolute coordinate is more than 10⁴ times the cloud's extent (the
+    /// `Double` if the largest absolute coordinate is more than 100 times the cloud's extent (the
     /// largest side of its bounding box), as with UTM coordinates.
     #[must_use]
     pub fn fitting<'a>(points: impl IntoIterator<Item = &'a CloudPoint>) -> Self {

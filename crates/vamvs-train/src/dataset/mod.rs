@@ -28,7 +28,7 @@ pub struct TrainingView {
 pub struct TrainingScene {
     /// The folder's name, for messages.
     pub name: String,
-    /// The views, at least two.
+    /// The views.
     pub views: Vec<TrainingView>,
     /// For each view those that overlap with it, best first; views without any are no references.
     pub sources: Vec<Vec<usize>>,
@@ -45,7 +45,7 @@ impl Dataset {
     /// Finds the scenes in folders, each of which is one itself or holds some.
     ///
     /// # Errors
-    /// If a folder holds no scene, or a scene's files are missing or malformed.
+    /// If a folder holds no scene, none of its views overlap, or a scene's files are missing or malformed.
     pub fn open(folders: &[PathBuf]) -> Result<Self, TrainError> {
         let mut scenes = Vec::new();
         for folder in folders {
@@ -53,6 +53,11 @@ impl Dataset {
             if found.is_empty() {
                 let problem = "no scene with true depths in it".to_owned();
                 return Err(TrainError::NoScenes { folder: folder.clone(), problem });
+            }
+            if found.iter().flat_map(|scene| &scene.sources).all(Vec::is_empty) {
+                let problem =
+                    "expected views that overlap (two at least, with sources in pair.txt), found none";
+                return Err(TrainError::NoScenes { folder: folder.clone(), problem: problem.to_owned() });
             }
             scenes.extend(found);
         }

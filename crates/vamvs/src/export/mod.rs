@@ -114,8 +114,38 @@ impl<'a> Exporter<'a> {
     }
 }
 
+impl ExportOptions {
+    /// Refuses to export over what is read: `inputs` are its folders, `folder` that of the cloud.
+    ///
+    /// # Errors
+    /// If one of them is in a folder that an export would write.
+    pub fn expect_apart<'a>(
+        &self,
+        folder: &Path,
+        inputs: impl IntoIterator<Item = &'a Path>,
+    ) -> Result<(), VamvsError> {
+        let inputs: Vec<PathBuf> = inputs.into_iter().filter_map(|input| input.canonicalize().ok()).collect();
+        for program in &self.programs {
+            let target = folder.join(match program {
+                Program::Colmap => "colmap",
+                Program::Openmvs => "openmvs",
+            });
+            let Ok(whole) = target.canonicalize() else { continue };
+            if let Some(input) = inputs.iter().find(|input| input.starts_with(&whole)) {
+                let problem = format!(
+                    "would be exported to, but {} is read from it: choose another --out",
+                    input.display()
+                );
+                return Err(VamvsError::Folder { path: target, problem });
+            }
+        }
+        Ok(())
+    }
+}
+
 impl<'a> Exports<'a> {
     fn begin(maps: &'a Maps, folder: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
+        options.expect_apart(folder, [maps.root()])?;
         let wanted = |program| options.programs.contains(&program);
         let colmap = wanted(Program::Colmap).then(|| ColmapWorkspace::begin(maps, &folder.join("colmap")));
         let openmvs = wanted(Program::Openmvs).then(|| OpenmvsScene::begin(maps, &folder.join("openmvs")));

@@ -24,12 +24,13 @@ pub(super) enum Layout {
 impl Layout {
     /// The layout of which `path` is the root or the folder of depth maps.
     pub(super) fn of(path: &Path) -> Result<Self, VamvsError> {
-        if let Some(root) = root_of(path, "depths") {
-            Ok(Self::Vamvs(OutputFolder::new(&root)))
-        } else if let Some(root) = root_of(path, "stereo/depth_maps").or_else(|| root_of(path, "stereo")) {
+        // What other programs made may hold our export, `depths/`, too.
+        if let Some(root) = root_of(path, "stereo/depth_maps").or_else(|| root_of(path, "stereo")) {
             Ok(Self::Colmap(root))
         } else if let Some(root) = root_of(path, "depth_est") {
             Ok(Self::Network(root))
+        } else if let Some(root) = root_of(path, "depths") {
+            Ok(Self::Vamvs(OutputFolder::new(&root)))
         } else {
             let problem = "expected a folder with depth maps: `depths/` and `cams/` as `vamvs depth` writes them, COLMAP's `stereo/depth_maps/`, or `depth_est/` and `cams/` of a network";
             Err(VamvsError::Folder { path: path.to_owned(), problem: problem.to_owned() })

@@ -5,11 +5,8 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use vamvs_fusion::ViewReport;
 
-use crate::output::{LeftOut, read_json, write_json};
+use crate::output::{LeftOut, OutputFolder, read_json, write_json};
 use crate::{FuseSummary, FusionOptions, Maps, VamvsError};
-
-/// The file's name.
-pub(super) const FILE: &str = "fusion.json";
 
 /// What the last fusion into the folder did.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -55,7 +52,7 @@ impl FusionRecord {
     /// # Errors
     /// If the file cannot be written.
     pub fn save(&self, folder: &Path) -> Result<(), VamvsError> {
-        write_json(&folder.join(FILE), self)
+        write_json(&OutputFolder::new(folder).fusion(), self)
     }
 
     /// Reads it from a folder; `None` if nothing was fused there.
@@ -63,7 +60,7 @@ impl FusionRecord {
     /// # Errors
     /// If the file cannot be read, or is none of ours.
     pub fn load(folder: &Path) -> Result<Option<Self>, VamvsError> {
-        let path = folder.join(FILE);
+        let path = OutputFolder::new(folder).fusion();
         if path.is_file() { read_json(&path).map(Some) } else { Ok(None) }
     }
 
