@@ -449,7 +449,7 @@ pub struct CommonFlags {
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
-    /// Print what was chosen for each view: source views, depth range, planes.
+    /// Print more: what was chosen for each view (source views, depth range, planes), and all times.
     #[arg(short, long, conflicts_with = "quiet")]
     pub verbose: bool,
     /// Print a summary as JSON on standard output.

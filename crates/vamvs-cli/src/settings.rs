@@ -1,7 +1,7 @@
 //! All settings of a run: defaults, then the configuration file, then flags. The result is written
 //! beside the outputs, so that a run can be repeated.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
@@ -178,6 +178,7 @@ pub fn depth_range(numbers: Option<&[f64]>) -> Result<Option<vamvs::core::DepthR
 mod depth {
     use super::*;
     use crate::arguments::{DepthFlags, InputFlags, Spacing};
+    use std::path::Path;
     use vamvs::Input;
     use vamvs::core::Scene;
     use vamvs::io::masks::Masks;

@@ -106,6 +106,20 @@ fn a_cloud_far_from_the_origin_keeps_its_digits() {
 }
 
 #[test]
+fn some_points_of_many_are_those_of_the_whole() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("cloud.ply");
+    let cloud: Vec<_> = (0..200_003).map(|i| point([f64::from(i), 1.0, 2.0])).collect();
+    ply::write(&path, &cloud).unwrap();
+    let places = [0, 1, 65_535, 65_536, 131_072, 200_002];
+    let (count, some) =
+        ply::read_some(&path, |count| places.iter().copied().filter(|&i| i < count).collect()).unwrap();
+    assert_eq!(count, cloud.len());
+    assert_eq!(some, places.iter().map(|&i| cloud[i]).collect::<Vec<_>>());
+    assert_eq!(ply::read(&path).unwrap().len(), cloud.len());
+}
+
+#[test]
 fn a_writer_that_is_not_finished_leaves_nothing() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("cloud.ply");

@@ -24,7 +24,7 @@ pub struct Manifest {
     pub hypotheses: usize,
     /// How many times `flow` looks from a point to its neighbours: its receptive field in windows.
     pub flow_layers: usize,
-    /// The largest number of planes that makes sense by default.
+    /// With how many planes the network is meant to be used; runs choose theirs from the cameras.
     pub planes: usize,
     /// The flow iterations by default.
     pub iterations: Vec<Iteration>,

@@ -8,7 +8,7 @@ use vamvs_core::{CloudPoint, Pinhole, Pose};
 
 use crate::Scale;
 use crate::number::{grouped, percent};
-use crate::packed::PackedCloud;
+use crate::packed::{self, PackedCloud};
 use crate::splat::typical_radius;
 use crate::template::{escaped, fill};
 use crate::viewpoint::quantile;
@@ -78,16 +78,22 @@ struct Camera<'a> {
 }
 
 impl CloudView {
-    /// The view of a cloud that these cameras saw.
+    /// The view of a cloud of `total` points that these cameras saw, of which [`CloudView::taken_of`] are given.
     #[must_use]
-    pub fn new(cloud: &[CloudPoint], cameras: Vec<ShownCamera>) -> Self {
-        let packed = PackedCloud::new(cloud);
+    pub fn new(total: usize, taken: &[CloudPoint], cameras: Vec<ShownCamera>) -> Self {
+        let packed = PackedCloud::new(total, taken);
         let ups = cameras.iter().map(|camera| -camera.cam_from_world.rotation.row(1).transpose());
         let up = ups.sum::<Vector3<f64>>().try_normalize(1e-6).unwrap_or(-Vector3::y());
         let seen = |camera: &ShownCamera| camera.depths(&packed.points).len();
         let best = cameras.iter().enumerate().rev().max_by_key(|(_, camera)| seen(camera));
         let start = best.map_or(0, |(index, _)| index);
         Self { packed, cameras, up, start }
+    }
+
+    /// The places, ascending, of the points to take of a cloud of `total`: at most 300 000, evenly.
+    #[must_use]
+    pub fn taken_of(total: usize) -> Vec<usize> {
+        packed::taken_of(total)
     }
 
     /// The view as a part of a page.
@@ -231,8 +237,11 @@ mod tests {
 
     #[test]
     fn the_page_gets_the_points_and_cameras_relative_to_the_box() {
-        let view =
-            CloudView::new(&square(3.0), vec![camera("aside", 9.0), camera("a", 0.0), camera("b", 0.4)]);
+        let view = CloudView::new(
+            41 * 41,
+            &square(3.0),
+            vec![camera("aside", 9.0), camera("a", 0.0), camera("b", 0.4)],
+        );
         let data = data(&view.html());
         let bytes = STANDARD.decode(data["points"].as_str().unwrap()).unwrap();
         assert_eq!(bytes, view.packed.bytes);
@@ -253,7 +262,7 @@ mod tests {
     #[test]
     fn names_cannot_end_the_script_or_an_option() {
         let name = "</script><b>\"'";
-        let html = CloudView::new(&square(3.0), vec![camera(name, 0.0)]).html();
+        let html = CloudView::new(41 * 41, &square(3.0), vec![camera(name, 0.0)]).html();
         assert_eq!(html.matches("</script>").count(), html.matches("<script").count());
         assert!(html.contains(">&lt;/script&gt;&lt;b&gt;&quot;&#39;</option>"));
         assert_eq!(data(&html)["cameras"][0]["name"], name);
@@ -261,7 +270,7 @@ mod tests {
 
     #[test]
     fn nothing_at_all_is_no_reason_to_fail() {
-        let html = CloudView::new(&[], Vec::new()).html();
+        let html = CloudView::new(0, &[], Vec::new()).html();
         assert_eq!(data(&html)["count"], 0);
     }
 }

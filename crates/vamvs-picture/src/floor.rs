@@ -156,6 +156,7 @@ mod tests {
             views: 2,
         };
         CloudView::new(
+            100,
             &(0..100).map(point).collect::<Vec<_>>(),
             vec![camera("back", 0.0), camera("<front>", 4.0)],
         )

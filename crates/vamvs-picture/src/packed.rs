@@ -39,18 +39,17 @@ pub struct PackedCloud {
 }
 
 impl PackedCloud {
-    /// Packs at most 300 000 points of a cloud, those left out that lie farther outside of the box around
-    /// all but the outermost percent than the box is large.
+    /// Packs the points that are `taken` of a cloud of `total`, those left out that lie farther outside of the box
+    /// around all but the outermost percent than the box is large.
     #[must_use]
-    pub fn new(cloud: &[CloudPoint]) -> Self {
-        let taken: Vec<CloudPoint> = evenly(cloud.len(), MOST).map(|index| cloud[index]).collect();
-        let ranges = ranges(&taken);
+    pub fn new(total: usize, taken: &[CloudPoint]) -> Self {
+        let ranges = ranges(taken);
         let inside = |point: &CloudPoint| (0..3).all(|axis| ranges[axis].contains(&point.x_in_world[axis]));
         let points: Vec<CloudPoint> = taken.iter().copied().filter(inside).collect();
         let outside = (taken.len() - points.len()) as f64 / taken.len().max(1) as f64;
         let (low, extent) = bounds(&points);
         let bytes = points.iter().flat_map(|point| packed(point, &low, &extent)).collect();
-        Self { low, extent, bytes, points, total: cloud.len(), outside }
+        Self { low, extent, bytes, points, total, outside }
     }
 
     /// The middle of the box, world.
@@ -58,6 +57,12 @@ impl PackedCloud {
     pub fn centre(&self) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.low[axis] + 0.5 * self.extent[axis])
     }
+}
+
+/// The places, ascending, of the points to take of a cloud of `total`: at most 300 000, evenly.
+#[must_use]
+pub fn taken_of(total: usize) -> Vec<usize> {
+    evenly(total, MOST).collect()
 }
 
 /// At most `most` indices below `count`, one from each of as many equal parts, at a place in it that looks
@@ -136,7 +141,7 @@ mod tests {
     #[test]
     fn unpacked_points_are_the_points_within_half_a_step() {
         let cloud = cloud(5000, [4e5, -7e6, 12.0]);
-        let packed = PackedCloud::new(&cloud);
+        let packed = PackedCloud::new(cloud.len(), &cloud);
         assert_eq!((packed.points.len(), packed.total, packed.outside), (5000, 5000, 0.0));
         assert_eq!(packed.bytes.len(), 5000 * POINT_BYTES);
         for (bytes, point) in packed.bytes.chunks(POINT_BYTES).zip(&cloud) {
@@ -171,7 +176,7 @@ mod tests {
     fn outliers_neither_count_nor_make_the_rest_coarse() {
         let mut all = cloud(2000, [0.0; 3]);
         all.extend(cloud(4, [1e6, 0.0, 0.0]));
-        let packed = PackedCloud::new(&all);
+        let packed = PackedCloud::new(all.len(), &all);
         assert_eq!(packed.points.len(), 2000);
         assert!((packed.outside - 4.0 / 2004.0).abs() < 1e-12);
         assert!(packed.extent.iter().all(|side| *side < 1.5));
@@ -182,7 +187,7 @@ mod tests {
         let flat: Vec<_> =
             cloud(100, [3.0; 3]).into_iter().map(|p| CloudPoint { x_in_world: [3.0; 3], ..p }).collect();
         for cloud in [&flat[..], &[]] {
-            let packed = PackedCloud::new(cloud);
+            let packed = PackedCloud::new(cloud.len(), cloud);
             assert_eq!(packed.points.len(), cloud.len());
             assert!(packed.extent.iter().all(|side| *side > 0.0));
         }

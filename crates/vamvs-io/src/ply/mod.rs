@@ -11,5 +11,5 @@ pub mod reader;
 mod vertex;
 pub mod writer;
 
-pub use reader::{read, read_positions};
+pub use reader::{read, read_positions, read_some};
 pub use writer::{Coordinates, PlyWriter, write};

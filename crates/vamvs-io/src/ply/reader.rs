@@ -11,6 +11,9 @@ use vamvs_core::{Cloud, CloudPoint};
 use super::vertex::{self, Position, Vertex};
 use crate::{IoError, Place};
 
+/// Vertices that are read at once where only some are wanted.
+const PART: usize = 1 << 16;
+
 /// Reads the vertices of a PLY file.
 ///
 /// Needed are `x y z`; `nx ny nz` are 0 if missing, `red green blue` 255 (those of a floating-point
@@ -22,8 +25,27 @@ use crate::{IoError, Place};
 /// header announces.
 pub fn read(path: &Path) -> Result<Cloud, IoError> {
     let vertices: Vec<Vertex> = read_vertices(path)?;
-    let finite = |point: &CloudPoint| point.x_in_world.iter().all(|value| value.is_finite());
-    Ok(vertices.into_iter().map(|vertex| vertex.0).filter(finite).collect())
+    Ok(vertices.into_iter().map(|vertex| vertex.0).filter(is_finite).collect())
+}
+
+/// Reads some vertices of a PLY file, in little memory however many there are: those at the places, ascending, that
+/// `choose` gives for their number, which is given back too.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_some(path: &Path, choose: impl FnOnce(usize) -> Vec<usize>) -> Result<(usize, Cloud), IoError> {
+    let (mut reader, header) = open_vertices(path)?;
+    let count = header.elements.get(vertex::NAME).map_or(0, |vertices| vertices.count);
+    let (mut wanted, mut taken) = (choose(count).into_iter().peekable(), Cloud::new());
+    let mut begin = 0;
+    let mut visit = |part: Vec<Vertex>| {
+        while let Some(place) = wanted.next_if(|&place| place < begin + part.len()) {
+            taken.push(part[place - begin].0);
+        }
+        begin += part.len();
+    };
+    read_payload(&mut reader, &header, PART, &mut visit).map_err(malformed(path))?;
+    Ok((count, taken.into_iter().filter(is_finite).collect()))
 }
 
 /// Reads the positions of a PLY file's vertices alone, in half the memory that whole points take.
@@ -36,14 +58,26 @@ pub fn read_positions(path: &Path) -> Result<Vec<[f64; 3]>, IoError> {
     Ok(vertices.into_iter().map(|vertex| vertex.0).filter(finite).collect())
 }
 
+fn is_finite(point: &CloudPoint) -> bool {
+    point.x_in_world.iter().all(|value| value.is_finite())
+}
+
 fn read_vertices<T: PropertyAccess>(path: &Path) -> Result<Vec<T>, IoError> {
+    let (mut reader, header) = open_vertices(path)?;
+    let mut all = Vec::new();
+    read_payload(&mut reader, &header, usize::MAX, &mut |part| all = part).map_err(malformed(path))?;
+    Ok(all)
+}
+
+/// A reader that stands behind the header, which announces vertices with positions, no more than there can be.
+fn open_vertices(path: &Path) -> Result<(Reader<BufReader<File>>, Header), IoError> {
     let (mut reader, length) = open(path)?;
-    let header = Parser::<T>::new().read_header(&mut reader).map_err(malformed(path))?;
+    let header = Parser::<Skipped>::new().read_header(&mut reader).map_err(malformed(path))?;
     let begin = reader.get_mut().stream_position().map_err(IoError::system("read", path))?;
     check_lengths(&header, length.saturating_sub(begin))
         .and_then(|()| check_positions(&header))
         .map_err(|problem| IoError::malformed(path, Place::Byte(begin), problem))?;
-    read_payload(&mut reader, &header).map_err(malformed(path))
+    Ok((reader, header))
 }
 
 /// A reader of a file that begins as a PLY file, and the file's length.
@@ -99,17 +133,27 @@ fn check_positions(header: &Header) -> Result<(), String> {
     }
 }
 
+/// Visits the vertices in parts of at most so many.
 fn read_payload<T: PropertyAccess>(
     reader: &mut Reader<BufReader<File>>,
     header: &Header,
-) -> Result<Vec<T>, ParseError> {
+    part: usize,
+    visit: &mut impl FnMut(Vec<T>),
+) -> Result<(), ParseError> {
     for element in header.elements.values() {
-        if element.name == vertex::NAME {
-            return Parser::<T>::new().read_payload_for_element(reader, element, header);
+        if element.name != vertex::NAME {
+            Parser::<Skipped>::new().read_payload_for_element(reader, element, header)?;
+            continue;
         }
-        Parser::<Skipped>::new().read_payload_for_element(reader, element, header)?;
+        let mut left = element.clone();
+        while left.count > 0 {
+            let next = ElementDef { count: left.count.min(part), ..element.clone() };
+            visit(Parser::<T>::new().read_payload_for_element(reader, &next, header)?);
+            left.count -= next.count;
+        }
+        return Ok(());
     }
-    Ok(Vec::new())
+    Ok(())
 }
 
 fn malformed(path: &Path) -> impl FnOnce(ParseError) -> IoError {

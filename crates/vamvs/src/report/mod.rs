@@ -98,15 +98,17 @@ impl<'a> Report<'a> {
     fn cloud(&self, page: &mut Page) -> Result<(), VamvsError> {
         page.heading(if self.fusion.is_some() { "The cloud" } else { "Cameras" });
         let file = self.fusion.as_ref().map(|fusion| fusion.cloud(self.maps.root()));
-        let cloud = file.map(|file| ply::read(&file)).transpose()?;
+        let cloud = file.map(|file| ply::read_some(&file, CloudView::taken_of)).transpose()?;
         let camera = |view: usize| ShownCamera {
             name: self.maps.names()[view].clone(),
             camera: *self.maps.camera(view),
             cam_from_world: *self.maps.pose(view),
         };
         let cameras = (0..self.maps.len()).map(camera).collect();
-        let view = CloudView::new(cloud.as_deref().unwrap_or_default(), cameras);
-        if cloud.is_some() {
+        let there = cloud.is_some();
+        let (total, taken) = cloud.unwrap_or_default();
+        let view = CloudView::new(total, &taken, cameras);
+        if there {
             page.cloud(&view);
         }
         page.floor_plan(&view);
