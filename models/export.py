@@ -3,10 +3,18 @@
 import argparse
 
 import torch
+from torch import Tensor, nn
 
 from layers import NORMS
 from photometric import Photometric
 from va_point_mvsnet import AGGREGATIONS, HYPOTHESES, NEIGHBOURS, VaPointMvsNet
+
+
+def copy_common(weights: dict[str, Tensor], module: nn.Module) -> None:
+    own = module.state_dict()
+    common = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
+    print(f"{len(common)} of {len(own)} tensors are taken over")
+    module.load_state_dict(common, strict=False)
 
 
 def main() -> None:
@@ -22,6 +30,7 @@ def main() -> None:
     parser.add_argument("--no-plane-depth", action="store_true", help="vis-var: visibility without the plane's depth")
     parser.add_argument("--no-image-features", action="store_true", help="points know their position alone")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
+    parser.add_argument("--like", metavar="FILE.pt", help="start from the weights of this network in all layers that both have")
     arguments = parser.parse_args()
     torch.manual_seed(arguments.seed)
     if arguments.network == "photometric":
@@ -36,6 +45,8 @@ def main() -> None:
             not arguments.no_plane_depth,
             not arguments.no_image_features,
         )
+    if arguments.like is not None:
+        copy_common(torch.jit.load(arguments.like).state_dict(), module)
     torch.jit.script(module.eval()).save(arguments.out)
 
 
