@@ -321,8 +321,8 @@ pub struct DepthFlags {
     /// auto, cpu, cuda or cuda:N [default: auto].
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
-    /// A quick look at a capture, in about a tenth of the time: half of --max-size, or of the photographs' size
-    /// if that is less, and --iterations 2, unless these are given.
+    /// A quick look at a capture, in about a tenth of the time: photographs of half their size, 640 pixels at
+    /// most, and --iterations 2; --max-size and --iterations override.
     #[arg(long)]
     pub preview: bool,
     /// Longer side to which larger photographs are reduced, pixels [default: 1280].

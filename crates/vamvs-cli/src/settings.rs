@@ -191,7 +191,7 @@ mod depth {
             let input = &mut self.input;
             let given = [cams, colmap, nerfstudio, bundler, nvm, openmvs];
             if given.iter().any(|kind| kind.is_some()) {
-                if input.kinds().iter().any(|kind| kind.is_some()) {
+                if input.given().next().is_some() {
                     *input = InputSettings::default();
                 }
                 input.kinds().into_iter().zip(given).for_each(|(kind, flag)| kind.clone_from(flag));

@@ -4,7 +4,6 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use serde_json::json;
-use vamvs::export::Program;
 use vamvs::io::masks::Masks;
 use vamvs::{FuseSummary, Maps};
 
@@ -77,10 +76,7 @@ pub fn merge(maps: &Maps, cloud: &Path, settings: &Settings, progress: &Progress
 /// Where exports are.
 fn say_exports(cloud: &Path, settings: &Settings, progress: &Progress) {
     let folder = cloud.parent().unwrap_or(Path::new(""));
-    let programs = settings.export.programs.iter().map(|program| match program {
-        Program::Colmap => "colmap",
-        Program::Openmvs => "openmvs",
-    });
+    let programs = settings.export.programs.iter().map(|program| program.folder());
     let depths = (!settings.export.depth_formats.is_empty()).then_some("depths");
     programs
         .chain(depths)

@@ -43,6 +43,17 @@ pub enum Program {
     Openmvs,
 }
 
+impl Program {
+    /// The folder beside the cloud that is written for it.
+    #[must_use]
+    pub fn folder(self) -> &'static str {
+        match self {
+            Self::Colmap => "colmap",
+            Self::Openmvs => "openmvs",
+        }
+    }
+}
+
 /// A format of depth maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -126,10 +137,7 @@ impl ExportOptions {
     ) -> Result<(), VamvsError> {
         let inputs: Vec<PathBuf> = inputs.into_iter().filter_map(|input| input.canonicalize().ok()).collect();
         for program in &self.programs {
-            let target = folder.join(match program {
-                Program::Colmap => "colmap",
-                Program::Openmvs => "openmvs",
-            });
+            let target = folder.join(program.folder());
             let Ok(whole) = target.canonicalize() else { continue };
             if let Some(input) = inputs.iter().find(|input| input.starts_with(&whole)) {
                 let problem = format!(
@@ -146,9 +154,10 @@ impl ExportOptions {
 impl<'a> Exports<'a> {
     fn begin(maps: &'a Maps, folder: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
         options.expect_apart(folder, [maps.root()])?;
-        let wanted = |program| options.programs.contains(&program);
-        let colmap = wanted(Program::Colmap).then(|| ColmapWorkspace::begin(maps, &folder.join("colmap")));
-        let openmvs = wanted(Program::Openmvs).then(|| OpenmvsScene::begin(maps, &folder.join("openmvs")));
+        let wanted =
+            |program: Program| options.programs.contains(&program).then(|| folder.join(program.folder()));
+        let colmap = wanted(Program::Colmap).map(|folder| ColmapWorkspace::begin(maps, &folder));
+        let openmvs = wanted(Program::Openmvs).map(|folder| OpenmvsScene::begin(maps, &folder));
         let depths = DepthFolder::new(&folder.join("depths"), options)?;
         Ok(Self { maps, colmap: colmap.transpose()?, openmvs: openmvs.transpose()?, depths })
     }
