@@ -11,10 +11,23 @@ from va_point_mvsnet import AGGREGATIONS, HYPOTHESES, NEIGHBOURS, VaPointMvsNet
 
 
 def copy_common(weights: dict[str, Tensor], module: nn.Module) -> None:
+    """Takes over what both have. Where a layer has more input channels than the other's, it begins by
+    ignoring them."""
     own = module.state_dict()
-    common = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
-    print(f"{len(common)} of {len(own)} tensors are taken over")
-    module.load_state_dict(common, strict=False)
+    taken = 0
+    for name, value in weights.items():
+        target = own.get(name)
+        if target is None or target.dim() != value.dim():
+            continue
+        if target.shape == value.shape:
+            target.copy_(value)
+        elif target.dim() > 1 and target.shape[1] > value.shape[1] and target[:, : value.shape[1]].shape == value.shape:
+            target.zero_()
+            target[:, : value.shape[1]] = value
+        else:
+            continue
+        taken += 1
+    print(f"{taken} of {len(own)} tensors are taken over")
 
 
 def main() -> None:
@@ -29,6 +42,12 @@ def main() -> None:
     )
     parser.add_argument("--no-plane-depth", action="store_true", help="vis-var: visibility without the plane's depth")
     parser.add_argument("--no-image-features", action="store_true", help="points know their position alone")
+    parser.add_argument(
+        "--matched", action="store_true", help="vis-avg, vis-max: the coarse stage knows what the hand-made matcher finds"
+    )
+    parser.add_argument(
+        "--window", type=int, help="the coarse depth is the expectation over so many planes to each side of the likeliest"
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
     parser.add_argument("--like", metavar="FILE.pt", help="start from the weights of this network in all layers that both have")
     arguments = parser.parse_args()
@@ -44,6 +63,8 @@ def main() -> None:
             arguments.hypotheses,
             not arguments.no_plane_depth,
             not arguments.no_image_features,
+            arguments.matched,
+            arguments.window,
         )
     if arguments.like is not None:
         copy_common(torch.jit.load(arguments.like).state_dict(), module)

@@ -44,7 +44,7 @@ def scale_shift(weight: Tensor, bias: Tensor, mean: Optional[Tensor], var: Optio
 
 
 class Conv1d(nn.Module):
-    """A layer of a shared MLP: (B, C, P) → (B, C', P)."""
+    """A layer of a shared MLP: (C, P) → (C', P). Points are columns of one matrix: one product a layer."""
 
     batch: Final[bool]
 
@@ -55,17 +55,18 @@ class Conv1d(nn.Module):
         self.norm = normalisation(norm, c_out, 1, True)
 
     def forward(self, x: Tensor) -> Tensor:
+        weight = self.conv.weight[:, :, 0]
         if self.batch:
             if not self.training:
                 n = self.norm
                 scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
-                return F.conv1d(x, self.conv.weight * scale[:, None, None], shift).relu_()
-        return F.relu(self.norm(self.conv(x)))
+                return torch.addmm(shift[:, None], weight * scale[:, None], x).relu_()
+        return F.relu(self.norm(torch.mm(weight, x)[None])[0])
 
 
 class Pair1d(nn.Module):
-    """The first layer of a shared MLP on pairs [a, b], without joining them: a (1, A, P), b (B, C, P) →
-    (B, C', P). What depends on `a` alone is computed once."""
+    """The first layer of a shared MLP on pairs [a, b], without joining them: a (A, P), b (C, B · P) →
+    (C', B · P). What depends on `a` alone is computed once."""
 
     batch: Final[bool]
 
@@ -77,16 +78,18 @@ class Pair1d(nn.Module):
         self.norm = normalisation(norm, c_out, 1, True)
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
-        weight = self.conv.weight
+        weight = self.conv.weight[:, :, 0]
         if self.batch:
             if not self.training:
                 n = self.norm
                 scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
-                weight = weight * scale[:, None, None]
-                of_a = F.conv1d(a, weight[:, : self.c_a], shift)
-                return F.conv1d(b, weight[:, self.c_a :]).add_(of_a).relu_()
-        joined = F.conv1d(b, weight[:, self.c_a :]) + F.conv1d(a, weight[:, : self.c_a])
-        return F.relu(self.norm(joined))
+                weight = weight * scale[:, None]
+                return self.joined(torch.addmm(shift[:, None], weight[:, : self.c_a], a), weight, b).relu_()
+        return F.relu(self.norm(self.joined(torch.mm(weight[:, : self.c_a], a), weight, b)[None])[0])
+
+    def joined(self, of_a: Tensor, weight: Tensor, b: Tensor) -> Tensor:
+        of_b = torch.mm(weight[:, self.c_a :], b)
+        return of_b.view(of_b.shape[0], -1, of_a.shape[1]).add_(of_a[:, None]).view(of_b.shape)
 
 
 class Conv2d(nn.Module):

@@ -8,13 +8,14 @@ between its methods (warping, lifting, neighbours, the reduction over views) is 
 """
 
 import json
-from typing import Final
+from typing import Final, Optional
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from layers import Conv1d, Conv2d, Conv3d, Deconv3d, Pair1d, normalisation, scale_shift
+from matcher import GradientMatcher
 
 AGGREGATIONS = ("avg", "max", "var", "vis-avg", "vis-max", "vis-var")
 NEIGHBOURS = 16
@@ -158,7 +159,7 @@ class FlowNet(nn.Module):
         second = self.edge2(first, neighbours)
         third = self.edge3(second, neighbours)
         joined = torch.cat((first, second, third), dim=1)  # (P, 32 + 64 + 128)
-        return self.last(self.mlp(joined.t()[None]))[0, 0]
+        return torch.mm(self.last.weight[:, :, 0], self.mlp(joined.t()))[0]
 
 
 class PairMlp(nn.Module):
@@ -171,7 +172,9 @@ class PairMlp(nn.Module):
         self.rest = nn.Sequential(Conv1d(first, second, norm), Conv1d(second, last, norm))
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
-        return self.rest(self.pair(a, b))
+        views, c, p = b.shape
+        related = self.rest(self.pair(a[0], b.transpose(0, 1).reshape(c, views * p)))
+        return related.view(-1, views, p).transpose(0, 1)
 
 
 class VaPointMvsNet(nn.Module):
@@ -182,11 +185,16 @@ class VaPointMvsNet(nn.Module):
     `neighbours` of a point (1: itself alone), `hypotheses` to each side of it (0: the offset is regressed
     directly, table 8), the plane's depth where visibility is predicted (table 3), the image features of the
     points (table 6).
+
+    Two options go beyond the paper. `matched`: the volume's regularisation is also given what the hand-made
+    matcher finds, and what the network says is added to the matcher's own costs; so it learns where the matcher
+    is wrong, from far fewer samples. `window`: the coarse depth is the expectation near the likeliest plane.
     """
 
     pairwise: Final[bool]  # vis-avg, vis-max: views are related to the reference one by one
     weighted: Final[bool]  # vis-var: views are weighted by what they see
     plane_depth: Final[bool]
+    matched: Final[bool]  # the coarse stage knows what the hand-made matcher finds
 
     def __init__(
         self,
@@ -197,33 +205,45 @@ class VaPointMvsNet(nn.Module):
         hypotheses: int = HYPOTHESES,
         plane_depth: bool = True,
         image_features: bool = True,
+        matched: bool = False,
+        window: Optional[int] = None,
     ) -> None:
         super().__init__()
         if aggregation not in AGGREGATIONS:
             raise ValueError(f"aggregation must be one of {AGGREGATIONS}, not {aggregation!r}")
+        if matched and aggregation not in ("vis-avg", "vis-max"):
+            raise ValueError(f"the hand-made matcher compares pairs of views, as {aggregation} does not")
         self.plane_depth = plane_depth
+        self.matched = matched
         self.pairwise = aggregation in ("vis-avg", "vis-max")
         self.weighted = aggregation == "vis-var"
-        self.about = json.dumps(
-            {
-                "contract": 1,
-                "name": f"va-point-mvsnet {aggregation}",
-                "aggregation": aggregation,
-                "neighbours": neighbours,
-                "hypotheses": hypotheses,
-                "flow_layers": 3,
-                "planes": 96,
-                "iterations": [{"scale": 8, "step": 1.0}, {"scale": 4, "step": 0.75}, {"scale": 2, "step": 0.15}],
-                "licence": "MIT OR Apache-2.0",
-                "trained_on": "nothing: random weights",
-                "scores": {},
-            }
-        )
+        about: dict[str, object] = {
+            "contract": 1,
+            "name": f"va-point-mvsnet {aggregation}",
+            "aggregation": aggregation,
+            "neighbours": neighbours,
+            "hypotheses": hypotheses,
+            "flow_layers": 3,
+            "planes": 96,
+            "iterations": [{"scale": 8, "step": 1.0}, {"scale": 4, "step": 0.75}, {"scale": 2, "step": 0.15}],
+            "licence": "MIT OR Apache-2.0",
+            "trained_on": "nothing: random weights",
+            "scores": {},
+        }
+        if matched:
+            about["averaged"] = 1
+        if window is not None:
+            about["window"] = window
+        self.about = json.dumps(about)
         flow_in = sum(FLOW_CHANNELS) // thin
         wide, out = 128 // thin, 64 // thin
         self.coarse_images = ImageNet(norm, thin)
         self.flow_images = ImageNet(norm, thin)
-        self.volume = VolumeNet(out, norm, thin)
+        self.coarse_channels = out
+        self.volume = VolumeNet(out + 2 * matched, norm, thin)
+        if matched:
+            self.matcher = GradientMatcher()
+            self.trust = nn.Parameter(torch.tensor(1.0))  # in the matcher's costs
         fetched = out if self.pairwise else flow_in
         self.ignored = 0 if image_features else fetched  # of a point's channels, the first so many
         self.flow_net = FlowNet(fetched - self.ignored + POSITION_CHANNELS, norm, thin)
@@ -245,7 +265,10 @@ class VaPointMvsNet(nn.Module):
 
     @torch.jit.export
     def encode_coarse(self, images: Tensor) -> Tensor:
-        return self.coarse_images(images)[2]
+        learned = self.coarse_images(images)[2]
+        if self.matched:
+            return torch.cat((learned, self.matcher.cells(images)), dim=1)
+        return learned
 
     @torch.jit.export
     def encode_flow(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -255,12 +278,16 @@ class VaPointMvsNet(nn.Module):
     def relate(self, ref: Tensor, src: Tensor, depth: Tensor) -> Tensor:
         d, _, h, w = src.shape
         if self.pairwise:
-            return self.pair_coarse(ref.flatten(2), src.flatten(2)).view(d, -1, h, w)
+            c = self.coarse_channels
+            related = self.pair_coarse(ref[:, :c].flatten(2), src[:, :c].flatten(2)).unflatten(2, (h, w))
+            if self.matched:
+                related = torch.cat((related, self.matcher.cell_similarity(ref[:, c:].detach(), src[:, c:].detach())), dim=1)
+            return related
         if self.weighted:
             seen = src.flatten(2)
             if self.plane_depth:
                 seen = torch.cat((seen, depth[:, None, None].expand(d, 1, h * w)), dim=1)
-            return self.pair_visibility(ref.flatten(2), seen).view(d, -1, h, w)
+            return self.pair_visibility(ref.flatten(2), seen).unflatten(2, (h, w))
         raise RuntimeError("this aggregation relates no pairs of views")
 
     @torch.jit.export
@@ -271,6 +298,11 @@ class VaPointMvsNet(nn.Module):
 
     @torch.jit.export
     def regularize(self, volume: Tensor) -> Tensor:
+        if self.matched:
+            matches = volume[:, self.coarse_channels :].detach()  # (1, 1, D, h, w), the mean over the views
+            costs = self.matcher.costs(matches[:, 0])
+            likely = torch.softmax(-costs, dim=1)[:, None]
+            return self.volume(torch.cat((volume[:, : self.coarse_channels], matches, likely), dim=1)) + self.trust * costs
         return self.volume(volume)
 
     @torch.jit.export

@@ -7,10 +7,12 @@
 
 pub mod camera;
 pub mod cloud;
+pub mod complete;
 pub mod crop;
 pub mod depth_map;
 pub mod depth_range;
 pub mod grid;
+pub mod guided;
 pub mod homography;
 pub mod intrinsics;
 pub mod lens;

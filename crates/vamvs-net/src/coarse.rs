@@ -11,15 +11,23 @@ pub struct PlaneMap {
     pub confidence: Tensor,
 }
 
-/// The expectation over the planes of softmax(−costs), and the probability of the two planes around it.
+/// The depth that softmax(−costs) tells, and the probability of the two planes around it: the expectation over
+/// all planes, as in the paper, or over those within `window` of the likeliest, which does not mean two surfaces
+/// where one ends before the other.
 ///
 /// Costs (1, D, h, w).
 ///
 /// # Errors
 /// If memory runs out.
-pub fn expectation(costs: &Tensor) -> Result<PlaneMap, TchError> {
+pub fn expectation(costs: &Tensor, window: Option<usize>) -> Result<PlaneMap, TchError> {
     let probability = costs.f_select(0, 0)?.f_neg()?.f_softmax(0, Kind::Float)?; // (D, h, w)
-    around(&probability)
+    match window {
+        None => around(&probability),
+        Some(window) => {
+            let u = near_likeliest(&probability, window as i64)?;
+            Ok(PlaneMap { confidence: beside(&probability, &u)?, u })
+        }
+    }
 }
 
 /// Expectation over dimension 0 in steps of that dimension, and the probability of the two entries
@@ -33,11 +41,33 @@ pub fn around(probability: &Tensor) -> Result<PlaneMap, TchError> {
     shape[0] = -1;
     let index = Tensor::f_arange(count, (Kind::Float, probability.device()))?.f_view(shape.as_slice())?;
     let u = probability.f_mul(&index)?.f_sum_dim_intlist([0].as_slice(), false, Kind::Float)?;
+    Ok(PlaneMap { confidence: beside(probability, &u)?, u })
+}
+
+/// The expectation over the entries of dimension 0 within `window` of the likeliest: (D, …) → (…).
+fn near_likeliest(probability: &Tensor, window: i64) -> Result<Tensor, TchError> {
+    let last = probability.size()[0] - 1;
+    let likeliest = probability.f_detach()?.f_argmax(0, true)?;
+    let mut mass = likeliest.f_zeros_like()?.f_to_kind(Kind::Float)?;
+    let mut moment = mass.shallow_clone();
+    for offset in -window..=window {
+        let entry = likeliest.f_add_scalar(offset)?;
+        let inside = entry.f_ge(0)?.f_logical_and(&entry.f_le(last)?)?.f_to_kind(Kind::Float)?;
+        let weight = probability.f_gather(0, &entry.f_clamp(0, last)?, false)?.f_mul(&inside)?;
+        mass = mass.f_add(&weight)?;
+        moment = moment.f_add(&weight.f_mul_scalar(offset as f64)?)?;
+    }
+    moment.f_div(&mass)?.f_add(&likeliest)?.f_squeeze_dim(0)
+}
+
+/// The probability of the two entries of dimension 0 around `u`: (D, …), (…) → (…).
+fn beside(probability: &Tensor, u: &Tensor) -> Result<Tensor, TchError> {
+    let count = probability.size()[0];
     let below = u.f_detach()?.f_floor()?.f_clamp(0.0, (count - 2).max(0) as f64)?.f_to_kind(Kind::Int64)?;
     let below = below.f_unsqueeze(0)?;
     let above = below.f_add_scalar(1)?.f_clamp_max(count - 1)?;
     let pair = probability.f_gather(0, &below, false)?.f_add(&probability.f_gather(0, &above, false)?)?;
-    Ok(PlaneMap { u, confidence: pair.f_squeeze_dim(0)? })
+    pair.f_squeeze_dim(0)
 }
 
 #[cfg(test)]
@@ -48,7 +78,7 @@ mod tests {
     fn a_sharp_cost_gives_its_plane_with_full_confidence() {
         let costs = Tensor::full([1, 5, 1, 1], 50.0, (Kind::Float, tch::Device::Cpu));
         let _ = costs.narrow(1, 3, 1).fill_(0.0);
-        let map = expectation(&costs).unwrap();
+        let map = expectation(&costs, None).unwrap();
         assert!((map.u.double_value(&[0, 0]) - 3.0).abs() < 1e-5);
         assert!((map.confidence.double_value(&[0, 0]) - 1.0).abs() < 1e-5);
     }
@@ -60,12 +90,23 @@ mod tests {
             for plane in low {
                 let _ = costs.narrow(1, plane, 1).fill_(0.0);
             }
-            expectation(&costs).unwrap()
+            expectation(&costs, None).unwrap()
         };
         let (near, far) = (costs([2, 3]), costs([0, 6]));
         assert!((near.u.double_value(&[0, 0]) - 2.5).abs() < 1e-5);
         assert!((near.confidence.double_value(&[0, 0]) - 1.0).abs() < 1e-5);
         assert!((far.u.double_value(&[0, 0]) - 3.0).abs() < 1e-5);
         assert!(far.confidence.double_value(&[0, 0]) < 1e-5);
+    }
+
+    #[test]
+    fn near_the_likeliest_plane_another_surface_does_not_count() {
+        // Two thirds on planes 5 and 6, a third on plane 1.
+        let probability = [0.0_f32, 1.0 / 3.0, 0.0, 0.0, 0.0, 0.4, 4.0 / 15.0];
+        let costs = Tensor::from_slice(&probability).log().neg().view([1, 7, 1, 1]);
+        let (all, near) = (expectation(&costs, None).unwrap(), expectation(&costs, Some(2)).unwrap());
+        assert!((all.u.double_value(&[0, 0]) - (1.0 / 3.0 + 2.0 + 1.6)).abs() < 1e-5);
+        assert!((near.u.double_value(&[0, 0]) - 5.4).abs() < 1e-5);
+        assert!((near.confidence.double_value(&[0, 0]) - 2.0 / 3.0).abs() < 1e-5);
     }
 }

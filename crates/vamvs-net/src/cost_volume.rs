@@ -8,7 +8,7 @@ use vamvs_core::Planes;
 
 use crate::encode::COARSE_SCALE;
 use crate::project::{Outside, PixelLattice, Projection, depth_of, sample};
-use crate::{EncodedView, NetError, Network};
+use crate::{Aggregation, EncodedView, NetError, Network};
 
 /// The sweep of one reference view.
 struct Sweep<'a> {
@@ -78,8 +78,10 @@ impl Sweep<'_> {
 
     /// One slab, reduced over the views: (D', C', h, w).
     fn aggregate(&self, first: usize, visibility: &[Tensor]) -> Result<Tensor, NetError> {
-        let aggregation = self.network.manifest().aggregation;
+        let manifest = self.network.manifest();
+        let aggregation = manifest.aggregation;
         let mut reducer = aggregation.reducer();
+        let mut mean = Aggregation::Avg.reducer();
         let (depth, coordinate) = self.slab_depths(first)?;
         if !aggregation.relates_pairs() {
             let planes = depth.size()[0];
@@ -88,12 +90,21 @@ impl Sweep<'_> {
         for (index, (source, projection)) in self.sources.iter().enumerate() {
             let warped = sample(&source.coarse, &projection.grid(&depth)?, Outside::Zero)?;
             if aggregation.relates_pairs() {
-                reducer.add(&self.network.relate(&self.reference.coarse, &warped, &coordinate)?, None)?;
+                let related = self.network.relate(&self.reference.coarse, &warped, &coordinate)?;
+                let split = related.size()[1] - manifest.averaged as i64;
+                reducer.add(&related.f_narrow(1, 0, split)?, None)?;
+                if manifest.averaged > 0 {
+                    mean.add(&related.f_narrow(1, split, manifest.averaged as i64)?, None)?;
+                }
             } else {
                 reducer.add(&warped, visibility.get(index))?;
             }
         }
-        reducer.finish()?.ok_or_else(no_views)
+        let reduced = reducer.finish()?.ok_or_else(no_views)?;
+        match mean.finish()? {
+            Some(mean) => Ok(Tensor::f_cat(&[reduced, mean], 1)?),
+            None => Ok(reduced),
+        }
     }
 
     /// The visibility mask of each source view (vis-var): pair features, pooled over all planes.

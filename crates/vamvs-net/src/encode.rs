@@ -2,9 +2,9 @@
 
 use tch::{Kind, TchError, Tensor};
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{Intrinsics, Photo, Pinhole, Pose, Size};
+use vamvs_core::{Grid, Intrinsics, Photo, Pinhole, Pose, Rgb, Size};
 
-use crate::{NetError, Network};
+use crate::{Device, NetError, Network};
 
 /// The stride of the coarse features, and the multiple to which images are padded.
 pub const COARSE_SCALE: usize = 8;
@@ -25,6 +25,8 @@ pub struct EncodedView {
     pub(crate) coarse: Tensor,
     /// (1, C, H/2, W/2), (1, C, H/4, W/4), (1, C, H/8, W/8)
     pub(crate) flow: [Tensor; 3],
+    /// The photograph at the strides of the flow features, padded.
+    pub(crate) photographs: [Grid<Rgb>; 3],
 }
 
 impl Network {
@@ -47,6 +49,7 @@ impl Network {
             padded: Size::new(width as usize, height as usize),
             coarse: self.encode_coarse(&image)?,
             flow: self.encode_flow(&image)?,
+            photographs: photographs(&image)?,
         })
     }
 }
@@ -93,15 +96,29 @@ impl EncodedView {
             padded,
             coarse: part(&self.coarse, 8)?,
             flow: [part(half, 2)?, part(quarter, 4)?, part(eighth, 8)?],
+            photographs: std::array::from_fn(|level| {
+                let scale = FLOW_SCALES[level];
+                let size = Size::new(padded.width / scale, padded.height / scale);
+                Grid::from_fn(size, |x, y| {
+                    self.photographs[level][(outer.x0 / scale + x, outer.y0 / scale + y)]
+                })
+            }),
         };
         Ok((view, outer))
     }
 
-    /// Bytes that the features take.
+    /// Bytes that the features take, and the photograph beside them.
     #[must_use]
     pub fn bytes(&self) -> usize {
         let values: usize = self.flow.iter().chain([&self.coarse]).map(Tensor::numel).sum();
-        values * size_of::<f32>()
+        let pixels: usize = self.photographs.iter().map(|photograph| photograph.size().area()).sum();
+        values * size_of::<f32>() + pixels * size_of::<Rgb>()
+    }
+
+    /// The photograph at a stride, if it is one of [`FLOW_SCALES`].
+    pub(crate) fn photograph(&self, stride: usize) -> Option<&Grid<Rgb>> {
+        let level = FLOW_SCALES.iter().position(|scale| *scale == stride)?;
+        Some(&self.photographs[level])
     }
 
     /// Size of the feature map at a stride.
@@ -113,6 +130,22 @@ impl EncodedView {
     pub(crate) fn intrinsics(&self) -> Intrinsics {
         self.camera.intrinsics
     }
+}
+
+/// The image (1, 3, H, W) at 1/2, 1/4, 1/8.
+fn photographs(image: &Tensor) -> Result<[Grid<Rgb>; 3], NetError> {
+    let mut levels = Vec::new();
+    for scale in FLOW_SCALES {
+        let side = scale as i64;
+        let small = image.f_avg_pool2d([side, side], [side, side], [0, 0], false, true, None)?;
+        let (_, _, h, w) = small.size4()?;
+        let bytes = small.f_mul_scalar(255.0)?.f_round()?.f_to_kind(Kind::Uint8)?;
+        let bytes = bytes.f_squeeze_dim(0)?.f_permute([1, 2, 0])?.f_contiguous()?.f_to_device(Device::Cpu)?;
+        let bytes = Vec::<u8>::try_from(bytes.f_flatten(0, -1)?)?;
+        let (pixels, _) = bytes.as_chunks::<3>();
+        levels.push(Grid::from_vec(Size::new(w as usize, h as usize), pixels.to_vec()));
+    }
+    Ok(levels.try_into().expect("there are three scales"))
 }
 
 /// (1, 3, H, W) in [0, 1], padded to multiples of 8 by repeating the last column and row.

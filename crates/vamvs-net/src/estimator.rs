@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
+use vamvs_core::complete::Completion;
 use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Size};
 
 use crate::coarse::{PlaneMap, expectation};
@@ -11,6 +12,7 @@ use crate::manifest::check_iterations;
 use crate::point_flow::{FlowStage, enlarge};
 use crate::profile::{Profile, Stage};
 use crate::project::depth_of;
+use crate::surfaces::{completed, enlarged};
 use crate::{EncodedView, Iteration, NetError, Network};
 
 /// How depth maps are made.
@@ -18,6 +20,11 @@ use crate::{EncodedView, Iteration, NetError, Network};
 pub struct EstimatorOptions {
     /// The flow iterations, coarse to fine; the last one's scale is the depth map's.
     pub iterations: Vec<Iteration>,
+    /// How maps at 1/8 are completed where images are blank; `None`: not at all.
+    pub completion: Option<Completion>,
+    /// Deviation of colours on one surface, grey values, where a map is enlarged along the photograph's edges;
+    /// `None`: to the nearest pixel.
+    pub guide: Option<f32>,
     /// Memory of one slab of warped features in the plane sweep, bytes.
     pub slab_bytes: usize,
     /// Points refined at once, hypotheses included.
@@ -42,6 +49,8 @@ impl EstimatorOptions {
     pub fn of(network: &Network) -> Self {
         Self {
             iterations: network.manifest().iterations.clone(),
+            completion: network.manifest().completion,
+            guide: network.manifest().guide,
             slab_bytes: 32 << 20,
             strip_points: 200_000,
         }
@@ -53,6 +62,8 @@ impl EstimatorOptions {
 pub struct Coarse {
     /// The depth at 1/8.
     pub map: PlaneMap,
+    /// The costs of the planes, (1, D, h, w), low is likely.
+    pub costs: Tensor,
     /// vis-var: each source view's mask, (1, 1, h, w) in [0, 1]; else empty.
     pub visibility: Vec<Tensor>,
 }
@@ -177,15 +188,43 @@ impl Estimator {
         seen: Option<Vec<Tensor>>,
         profile: &mut Profile,
     ) -> Result<Vec<PlaneMap>, NetError> {
-        let Coarse { map, visibility } = self.coarse(reference, sources, planes, seen, profile)?;
+        let Coarse { map, visibility, .. } = self.coarse(reference, sources, planes, seen, profile)?;
+        let map = self.completed(map, reference, planes)?;
         let mut stages = vec![map];
         for &iteration in &self.options.iterations {
             let stage = self.flow_stage(reference, sources, planes, &visibility, iteration);
-            let before = &stages[stages.len() - 1].u;
-            let refined = stage.refine(before, profile)?;
-            stages.push(refined);
+            let before = self.enlarged(&stages[stages.len() - 1].u, reference, iteration)?;
+            let refined = stage.refine(&before, profile)?;
+            let whole = iteration.scale == COARSE_SCALE;
+            stages.push(if whole { self.completed(refined, reference, planes)? } else { refined });
         }
         Ok(stages)
+    }
+
+    /// A map at 1/8 with its blank surfaces completed, if that is asked for.
+    pub(crate) fn completed(
+        &self,
+        map: PlaneMap,
+        reference: &EncodedView,
+        planes: &Planes,
+    ) -> Result<PlaneMap, NetError> {
+        match (self.options.completion, reference.photograph(COARSE_SCALE)) {
+            (Some(how), Some(image)) => completed(map, image, planes, how),
+            _ => Ok(map),
+        }
+    }
+
+    /// The map that an iteration begins with, along the photograph's edges, if that is asked for.
+    pub(crate) fn enlarged(
+        &self,
+        u: &Tensor,
+        reference: &EncodedView,
+        iteration: Iteration,
+    ) -> Result<Tensor, NetError> {
+        match self.options.guide {
+            Some(colour) => enlarged(u, reference, iteration, self.network.manifest().hypotheses, colour),
+            None => Ok(u.shallow_clone()),
+        }
     }
 
     /// The coarse map (sections 3.1 and 3.2). For vis-var, `seen` are visibility masks (1, 1, h, w), one a
@@ -205,12 +244,12 @@ impl Estimator {
         let cost = profile.time(Stage::Sweep, || sweep(network, reference, sources, planes, seen, slab))?;
         let visibility = cost.visibility;
         let volume = cost.volume;
-        let map = profile.time(Stage::Regularize, || {
+        let (map, costs) = profile.time(Stage::Regularize, || {
             let costs = network.regularize(&volume)?;
             drop(volume);
-            Ok::<_, NetError>(expectation(&costs)?)
+            Ok::<_, NetError>((expectation(&costs, network.manifest().window)?, costs))
         })?;
-        Ok(Coarse { map, visibility })
+        Ok(Coarse { map, costs, visibility })
     }
 
     /// One flow iteration (sections 3.3 and 3.4), with the masks of the coarse stage.

@@ -65,8 +65,9 @@ impl Estimator {
         region: Option<PixelBox>,
         profile: &mut Profile,
     ) -> Result<(Vec<Layer>, Tensor), NetError> {
-        let Coarse { map, visibility } = self.coarse(reference, sources, planes, None, profile)?;
+        let Coarse { map, visibility, .. } = self.coarse(reference, sources, planes, None, profile)?;
         let confidence = map.confidence.shallow_clone();
+        let map = self.completed(map, reference, planes)?;
         let image = reference.camera.size;
         let whole = PixelBox { x0: 0, y0: 0, x1: image.width, y1: image.height };
         let (_, padded) = reference.cropped(&whole)?;
@@ -83,7 +84,10 @@ impl Estimator {
             let masks = visibility.iter().map(|mask| cut(mask, 2, computed, COARSE_SCALE));
             let masks = masks.collect::<Result<Vec<_>, NetError>>()?;
             let stage = self.flow_stage(&part, sources, planes, &masks, iteration);
-            let map = stage.refine(&last.cut(computed)?, profile)?;
+            let before = self.enlarged(&last.cut(computed)?, &part, iteration)?;
+            let refined = stage.refine(&before, profile)?;
+            let whole = iteration.scale == COARSE_SCALE;
+            let map = if whole { self.completed(refined, reference, planes)? } else { refined };
             let before = std::mem::replace(&mut last, Layer { scale: iteration.scale, computed, shown, map });
             if before.scale != iteration.scale {
                 layers.push(before);

@@ -24,6 +24,7 @@ pub mod point_flow;
 pub mod profile;
 pub mod project;
 pub mod script;
+mod surfaces;
 
 pub use aggregate::Aggregation;
 pub use device::{Device, open_device};

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use vamvs_core::MonotoneMap;
+use vamvs_core::complete::Completion;
 
 use crate::{Aggregation, NetError};
 
@@ -24,10 +25,25 @@ pub struct Manifest {
     pub hypotheses: usize,
     /// How many times `flow` looks from a point to its neighbours: its receptive field in windows.
     pub flow_layers: usize,
+    /// Of the channels that `relate` gives, the last so many are averaged over the source views, whatever the
+    /// aggregation (vis-avg, vis-max).
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub averaged: usize,
+    /// The coarse depth is the expectation over the planes within so many of the likeliest; absent: over all
+    /// planes, as in the paper.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub window: Option<usize>,
     /// With how many planes the network is meant to be used; runs choose theirs from the cameras.
     pub planes: usize,
     /// The flow iterations by default.
     pub iterations: Vec<Iteration>,
+    /// How maps at 1/8 are completed where images are blank; absent: not at all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub completion: Option<Completion>,
+    /// Deviation of colours on one surface, grey values, by which maps are enlarged along the photograph's edges;
+    /// absent: to the nearest pixel.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub guide: Option<f32>,
     /// The licence of the weights.
     pub licence: String,
     /// What the weights were trained on.
@@ -37,6 +53,10 @@ pub struct Manifest {
     /// From the confidence after the last of `iterations` to the share of pixels that are right.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<MonotoneMap>,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// One flow iteration.
@@ -69,6 +89,19 @@ impl Manifest {
                 "has {} neighbours (expected 1 to 64) and {} hypotheses (expected 0 to 8)",
                 manifest.neighbours, manifest.hypotheses
             )));
+        }
+        if let Some(window) = manifest.window.filter(|window| *window > 64) {
+            return Err(wrong(format!("has a window of {window} planes: expected 0 to 64")));
+        }
+        if let Some(Completion { stiffness, power }) = manifest.completion
+            && !((0.0..=1e4).contains(&stiffness) && (0.0..=100.0).contains(&power))
+        {
+            return Err(wrong(format!(
+                "has a completion of stiffness {stiffness} (expected 0 to 10000) and power {power} (expected 0 to 100)"
+            )));
+        }
+        if let Some(colour) = manifest.guide.filter(|colour| !(1e-3..=1e4).contains(colour)) {
+            return Err(wrong(format!("has a guide of {colour} grey values: expected 0.001 to 10000")));
         }
         if !(1..=8).contains(&manifest.flow_layers) || !(2..=4096).contains(&manifest.planes) {
             return Err(wrong(format!(
@@ -124,6 +157,9 @@ mod tests {
             ("\"neighbours\":16", "\"neighbours\":0", "0 neighbours"),
             ("vis-max", "vis-min", "vis-min"),
             ("\"scores\":{}", "\"scores\":{},\"calibration\":[[0.5,0.5],[0.4,0.9]]", "x to grow"),
+            ("\"planes\":96", "\"planes\":96,\"window\":65", "window of 65"),
+            ("\"planes\":96", "\"planes\":96,\"guide\":0", "guide of 0"),
+            ("\"planes\":96", "\"planes\":96,\"completion\":{\"stiffness\":-1,\"power\":4}", "stiffness -1"),
             ("{\"contract\"", "[\"contract\"", "JSON"),
         ] {
             let error = Manifest::parse(&GOOD.replace(from, to), "test").unwrap_err().to_string();

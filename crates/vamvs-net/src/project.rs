@@ -187,7 +187,7 @@ mod tests {
     use super::*;
     use nalgebra::{Vector2, Vector3};
     use tch::Kind;
-    use vamvs_core::{DepthRange, Intrinsics, Planes, Pose, Spacing};
+    use vamvs_core::{DepthRange, Grid, Intrinsics, Planes, Pose, Spacing};
 
     const CPU: (Kind, Device) = (Kind::Float, Device::Cpu);
 
@@ -200,6 +200,7 @@ mod tests {
             padded: Size::new(320, 240),
             coarse: feature(),
             flow: [feature(), feature(), feature()],
+            photographs: [2, 4, 8].map(|scale| Grid::filled(Size::new(320 / scale, 240 / scale), [0; 3])),
         }
     }
 

@@ -165,6 +165,14 @@ impl Network {
         } else {
             related.size()[1]
         };
+        let averaged = self.manifest.averaged;
+        if averaged > 0 && (!aggregation.relates_pairs() || averaged as i64 >= volume_channels) {
+            let problem = format!(
+                "says that {averaged} channels are averaged: expected fewer than the {volume_channels} that relate \
+                 gives, and an aggregation of pairs of views"
+            );
+            return Err(NetError::Manifest { module: self.name.clone(), problem });
+        }
         let _costs = self.regularize(&Tensor::f_rand([1, volume_channels, planes, side, side], f32)?)?;
         let levels = self.encode_flow(&image)?;
         let features =

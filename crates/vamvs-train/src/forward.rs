@@ -16,6 +16,8 @@ use crate::sample::Sample;
 pub struct StageOutput {
     /// (h, w), plane coordinates.
     pub u: Tensor,
+    /// (D, h, w), what each plane costs; `None` for flow iterations.
+    pub costs: Option<Tensor>,
     /// (h, w), the depth that the stage was given; `None` for the coarse stage.
     pub before: Option<Tensor>,
     /// (h, w), NaN where unknown.
@@ -49,8 +51,13 @@ pub fn forward(
         estimator.coarse(reference, &sources, &sample.planes, sample.masks(network, reference)?, profile)?;
     let all = Lattice { scale: COARSE_SCALE, first: (0, 0) };
     let mut u = coarse.map.u.shallow_clone();
-    let mut stages =
-        vec![StageOutput { truth: all.truth(sample, &u)?, u: coarse.map.u, before: None, step: 1.0 }];
+    let mut stages = vec![StageOutput {
+        truth: all.truth(sample, &u)?,
+        u: coarse.map.u,
+        costs: Some(coarse.costs.f_squeeze_dim(0)?),
+        before: None,
+        step: 1.0,
+    }];
     let iterations: &[Iteration] = if flow { &estimator.options().iterations } else { &[] };
     let finest = iterations.last().map_or(COARSE_SCALE, |iteration| iteration.scale);
     for &iteration in iterations {
@@ -60,6 +67,7 @@ pub fn forward(
         stages.push(StageOutput {
             truth: lattice.truth(sample, &refined)?,
             u: refined.shallow_clone(),
+            costs: None,
             before: Some(u.detach()),
             step: iteration.step,
         });

@@ -5,6 +5,9 @@ use tch::{Kind, TchError, Tensor};
 use crate::forward::{Output, StageOutput};
 use crate::options::LossOptions;
 
+/// Planes off within which the coarse depth itself is corrected, beside the probabilities of the planes.
+const NEAR: f64 = 2.0;
+
 /// The losses of one sample.
 pub struct Losses {
     /// What is minimised: the sum of all, weighted; `None` if nothing is known of the sample.
@@ -26,7 +29,13 @@ pub fn losses(output: &Output, hypotheses: usize, options: &LossOptions) -> Resu
         let reach = options.flow_reach * hypotheses.max(1) as f64 * stage.step;
         let loss = stage_loss(stage, reach)?;
         stages.push(loss.as_ref().map_or(f64::NAN, value));
-        total.add(loss, 1.0)?;
+        match &stage.costs {
+            Some(costs) if options.cross_entropy > 0.0 => {
+                total.add(cross_entropy(costs, &stage.truth)?, options.cross_entropy)?;
+                total.add(near_loss(stage)?, 1.0)?;
+            }
+            _ => total.add(loss, 1.0)?,
+        }
     }
     let mut masks = Sum::default();
     for (mask, truth) in &output.visibility {
@@ -46,6 +55,34 @@ fn stage_loss(stage: &StageOutput, reach: f64) -> Result<Option<Tensor>, TchErro
     };
     let loss = mean_difference(&stage.u, &stage.truth, within.as_ref())?;
     loss.map(|loss| loss.f_div_scalar(stage.step)).transpose()
+}
+
+/// Mean |u − u_gt| of the coarse stage over the pixels where it is off by less than `NEAR` planes.
+fn near_loss(stage: &StageOutput) -> Result<Option<Tensor>, TchError> {
+    let near = stage.u.f_detach()?.f_sub(&stage.truth)?.f_abs()?.f_le(NEAR)?;
+    mean_difference(&stage.u, &stage.truth, Some(&near))
+}
+
+/// Mean of −Σ t log p over pixels with a known truth inside the range, where t shares the pixel between the two
+/// planes around the true depth: costs (D, h, w), truth (h, w), NaN where unknown.
+fn cross_entropy(costs: &Tensor, truth: &Tensor) -> Result<Option<Tensor>, TchError> {
+    let last = costs.size()[0] - 1;
+    // Comparisons with NaN are false.
+    let known = truth.f_ge(0.0)?.f_logical_and(&truth.f_le(last as f64)?)?;
+    let count = known.f_sum(Kind::Int64)?.int64_value(&[]);
+    if count == 0 {
+        return Ok(None);
+    }
+    let logs = costs.f_neg()?.f_log_softmax(0, Kind::Float)?.f_flatten(1, -1)?; // (D, P)
+    let index = known.f_flatten(0, -1)?.f_nonzero()?.f_squeeze_dim(1)?;
+    let logs = logs.f_index_select(1, &index)?;
+    let truth = truth.f_flatten(0, -1)?.f_index_select(0, &index)?.f_unsqueeze(0)?;
+    let below = truth.f_floor()?.f_clamp(0.0, (last - 1) as f64)?;
+    let above_share = truth.f_sub(&below)?;
+    let below = below.f_to_kind(Kind::Int64)?;
+    let (low, high) = (logs.f_gather(0, &below, false)?, logs.f_gather(0, &below.f_add_scalar(1)?, false)?);
+    let mean = low.f_lerp_tensor(&high, &above_share)?;
+    Ok(Some(mean.f_mean(Kind::Float)?.f_neg()?))
 }
 
 /// Mean |a − b| where b is a number (and `within` holds); `None` if that is nowhere.
@@ -89,7 +126,7 @@ mod tests {
     fn stage(u: &[f32], before: &[f32], truth: &[f32], step: f64) -> StageOutput {
         let row = |values: &[f32]| Tensor::from_slice(values).view([1, -1]);
         let before = (!before.is_empty()).then(|| row(before));
-        StageOutput { u: row(u), before, truth: row(truth), step }
+        StageOutput { u: row(u), costs: None, before, truth: row(truth), step }
     }
 
     #[test]
@@ -105,7 +142,7 @@ mod tests {
                 (Tensor::from_slice(&[0.0_f32, 0.9]), Tensor::from_slice(&[0.0_f32, 1.0])),
             ],
         };
-        let options = LossOptions { visibility: 0.1, flow_reach: 2.0 };
+        let options = LossOptions { visibility: 0.1, flow_reach: 2.0, cross_entropy: 0.0 };
         let losses = losses(&output, 2, &options).unwrap();
         assert!((losses.stages[0] - 1.5).abs() < 1e-6);
         assert!((losses.stages[1] - 1.0).abs() < 1e-6, "10 planes off is out of reach: {:?}", losses.stages);
@@ -119,5 +156,29 @@ mod tests {
         let output = Output { stages: vec![stage(&[1.0], &[], &[f32::NAN], 1.0)], visibility: Vec::new() };
         let losses = losses(&output, 2, &LossOptions::default()).unwrap();
         assert!(losses.total.is_none() && losses.stages[0].is_nan());
+    }
+
+    #[test]
+    fn cross_entropy_shares_a_pixel_between_the_planes_around_its_depth() {
+        // (D, 1, 4): depths between two planes, on one, outside of the range, unknown.
+        let probability = [[0.1_f32, 0.2, 0.5, 0.3], [0.3, 0.2, 0.3, 0.3], [0.6, 0.6, 0.2, 0.4]];
+        let costs = Tensor::from_slice2(&probability).log().neg().view([3, 1, 4]);
+        let truth = Tensor::from_slice(&[1.25_f32, 2.0, 2.5, f32::NAN]).view([1, 4]);
+        let loss = value(&cross_entropy(&costs, &truth).unwrap().unwrap());
+        let expected = -(0.75 * 0.3_f64.ln() + 0.25 * 0.6_f64.ln() + 0.6_f64.ln()) / 2.0;
+        assert!((loss - expected).abs() < 1e-6, "{loss} is not {expected}");
+        let unknown = Tensor::full([1, 4], f64::NAN, (Kind::Float, tch::Device::Cpu));
+        assert!(cross_entropy(&costs, &unknown).unwrap().is_none());
+    }
+
+    #[test]
+    fn with_cross_entropy_a_coarse_depth_far_off_pulls_on_probabilities_alone() {
+        let costs = Tensor::zeros([8, 1, 2], (Kind::Float, tch::Device::Cpu));
+        let mut coarse = stage(&[1.0, 6.5], &[], &[7.0, 6.0], 1.0);
+        coarse.costs = Some(costs);
+        let output = Output { stages: vec![coarse], visibility: Vec::new() };
+        let options = LossOptions { cross_entropy: 0.5, ..LossOptions::default() };
+        let total = value(&losses(&output, 2, &options).unwrap().total.unwrap());
+        assert!((total - (0.5 * 8.0_f64.ln() + 0.5)).abs() < 1e-6, "{total}");
     }
 }

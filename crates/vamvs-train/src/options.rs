@@ -40,8 +40,8 @@ pub struct SampleOptions {
     pub min_scale: f64,
     /// Largest change of either end of the depth range, as a logarithm.
     pub range_jitter: f64,
-    /// Deviation of the errors of the sources' cameras, pixels of the sample: estimated cameras are never
-    /// exactly the true ones.
+    /// Deviation of the errors of the sources' cameras, pixels of the sample, in the middle of a wide spread
+    /// of samples (log-normal, σ = 1): estimated cameras are never exactly the true ones.
     pub camera_noise: f64,
     /// Whether views are weighted by the true visibility instead of the network's (vis-var, table 2).
     pub true_visibility: bool,
@@ -58,6 +58,9 @@ pub struct LossOptions {
     /// A flow iteration does not learn where the depth before is wrong by more than this many times the
     /// reach of its hypotheses; 0: it learns everywhere.
     pub flow_reach: f64,
+    /// Weight of the cross entropy of the coarse stage's planes; with it, coarse depths are corrected by
+    /// equation 8 only where they are off by less than two planes. 0: equation 8 alone, everywhere.
+    pub cross_entropy: f64,
 }
 
 /// How the weights follow the gradient.
@@ -121,7 +124,7 @@ impl Default for SampleOptions {
 
 impl Default for LossOptions {
     fn default() -> Self {
-        Self { visibility: 0.01, flow_reach: 2.0 }
+        Self { visibility: 0.01, flow_reach: 2.0, cross_entropy: 1.0 }
     }
 }
 
@@ -172,7 +175,7 @@ impl TrainOptions {
                 camera_noise: 0.0,
                 ..SampleOptions::default()
             },
-            loss: LossOptions { flow_reach: 0.0, ..LossOptions::default() },
+            loss: LossOptions { flow_reach: 0.0, cross_entropy: 0.0, ..LossOptions::default() },
             optimizer: OptimizerOptions {
                 rule: Rule::RmsProp,
                 learning_rate: 5e-4,
@@ -215,6 +218,7 @@ impl TrainOptions {
         between("camera-noise", *camera_noise, 0.0, 10.0)?;
         between("the weight of visibility", self.loss.visibility, 0.0, 1e3)?;
         between("flow-reach", self.loss.flow_reach, 0.0, 1e3)?;
+        between("cross-entropy", self.loss.cross_entropy, 0.0, 1e3)?;
         between("learning-rate", self.optimizer.learning_rate, 1e-8, 1.0)?;
         between("weight-decay", self.optimizer.weight_decay, 0.0, 1.0)?;
         between("clip", self.optimizer.clip, 0.0, 1e6)

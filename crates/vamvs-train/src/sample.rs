@@ -135,10 +135,12 @@ pub fn draw(
     let depth = pfm::read_depth(&scene.views[reference].depth)?;
     let cut = cut_reference(&scene.views[reference], &depth, options, &mut rng)?;
     let mut photos = vec![photo(&scene.views[reference], &cut, options, &mut rng)?];
+    // Some scenes have good cameras, some bad ones.
+    let noise = options.camera_noise * normal(&mut rng).exp();
     for &source in &sources {
         let cut = cut_source(scene, (reference, source), &cut, &depth);
         let mut photo = photo(&scene.views[source], &cut, options, &mut rng)?;
-        misplace(&mut photo.camera.intrinsics, options.camera_noise, &mut rng);
+        misplace(&mut photo.camera.intrinsics, noise, &mut rng);
         photos.push(photo);
     }
     let planes = planes(&depth, &photos, options, &scene.views[reference], &mut rng)?;

@@ -124,6 +124,7 @@ impl Lab<'_> {
         command.args(["--warm-up", &(steps / 20).to_string(), "--batch", "1", "--learning-rate", "2e-3"]);
         command.args(["--freeze-norm-after", &(7 * steps / 10).to_string(), "--views", "3", "3"]);
         command.args(["--crop", "160", "128", "--max-planes", "48", "--threads", &self.threads()]);
+        command.args(["--cross-entropy", "0"]);
         run(&format!("training: {}", variant.name), command.args(variant.train))?;
         Ok(module)
     }

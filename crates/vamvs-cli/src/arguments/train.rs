@@ -95,6 +95,9 @@ pub struct TrainingFlags {
     /// learns everywhere [default: 2; paper: 0].
     #[arg(long, value_name = "TIMES")]
     pub flow_reach: Option<f64>,
+    /// Weight of the cross entropy of the coarse stage's planes; 0: equation 8 alone [default: 1; paper: 0].
+    #[arg(long, value_name = "WEIGHT")]
+    pub cross_entropy: Option<f64>,
     /// Other seeds, other samples [default: 0].
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,

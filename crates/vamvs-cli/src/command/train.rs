@@ -58,6 +58,7 @@ fn options(training: &TrainingFlags, samples: &SampleFlags) -> TrainOptions {
     set(&mut options.seed, training.seed);
     set(&mut options.loss.visibility, training.visibility_weight);
     set(&mut options.loss.flow_reach, training.flow_reach);
+    set(&mut options.loss.cross_entropy, training.cross_entropy);
     let optimizer = &mut options.optimizer;
     set(&mut optimizer.rule, training.optimizer.map(rule));
     set(&mut optimizer.learning_rate, training.learning_rate);

@@ -1,0 +1,121 @@
+//! Depth maps enlarged to twice their size along the edges of the photograph.
+//!
+//! Where a window of a coarse map holds two surfaces, a pixel belongs to the one whose pixels look like it: its
+//! depth is the weighted median of the window's, weighted by likeness of colour and nearness. Everywhere else
+//! the nearest pixel's depth stays.
+
+use rayon::prelude::*;
+
+use crate::{Grid, Rgb, Size};
+
+/// Pixels of the coarse map to each side of a pixel.
+const RADIUS: usize = 2;
+const WINDOW: usize = (2 * RADIUS + 1) * (2 * RADIUS + 1);
+
+/// Deviation of distances, coarse pixels.
+const DISTANCE: f32 = 1.2;
+/// Weight of a pixel of another colour.
+const LEAST: f32 = 1e-9;
+
+/// How a map is enlarged.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guidance {
+    /// Deviation of colours on one surface, grey values.
+    pub colour: f32,
+    /// Depths in a window that differ by more are of two surfaces.
+    pub jump: f32,
+}
+
+/// `u`, a map of photograph `coarse`, at the size of `fine`, the same photograph at twice the size.
+#[must_use]
+pub fn enlarge(u: &Grid<f32>, coarse: &Grid<Rgb>, fine: &Grid<Rgb>, guidance: Guidance) -> Grid<f32> {
+    let mut out = Grid::filled(fine.size(), 0.0);
+    let width = fine.width().max(1);
+    out.data_mut().par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| {
+        for (x, value) in row.iter_mut().enumerate() {
+            *value = pixel(u, coarse, fine, [x, y], guidance);
+        }
+    });
+    out
+}
+
+fn pixel(u: &Grid<f32>, coarse: &Grid<Rgb>, fine: &Grid<Rgb>, [x, y]: [usize; 2], guidance: Guidance) -> f32 {
+    let Size { width, height } = u.size();
+    let (cx, cy) = (x / 2, y / 2);
+    let columns = cx.saturating_sub(RADIUS)..(cx + RADIUS + 1).min(width);
+    let rows = cy.saturating_sub(RADIUS)..(cy + RADIUS + 1).min(height);
+    let own = u[(cx, cy)];
+    let window = rows.clone().flat_map(|y| &u.row(y)[columns.clone()]);
+    let (low, high) = window.fold((own, own), |(low, high), &u| (low.min(u), high.max(u)));
+    if high - low <= guidance.jump {
+        return own;
+    }
+    let colour = fine[(x, y)];
+    let place = [x, y].map(|c| (c as f32 + 0.5) / 2.0 - 0.5);
+    let mut candidates = [(0.0_f32, 0.0_f32); WINDOW];
+    let places = rows.flat_map(|y| columns.clone().map(move |x| (x, y)));
+    let mut count = 0;
+    for ((x, y), candidate) in places.zip(&mut candidates) {
+        let other = coarse[(x, y)];
+        let difference: f32 = (0..3).map(|c| (f32::from(colour[c]) - f32::from(other[c])).powi(2)).sum();
+        let distance = (x as f32 - place[0]).powi(2) + (y as f32 - place[1]).powi(2);
+        let exponent = difference / guidance.colour.powi(2) + distance / DISTANCE.powi(2);
+        *candidate = (u[(x, y)], (-0.5 * exponent).exp() + LEAST);
+        count += 1;
+    }
+    weighted_median(&mut candidates[..count])
+}
+
+/// The value at which half of the weight is reached.
+fn weighted_median(candidates: &mut [(f32, f32)]) -> f32 {
+    candidates.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * candidates.iter().map(|(_, weight)| weight).sum::<f32>();
+    let mut sum = 0.0;
+    for &(value, weight) in candidates.iter() {
+        sum += weight;
+        if sum >= half {
+            return value;
+        }
+    }
+    candidates.last().map_or(f32::NAN, |last| last.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GUIDANCE: Guidance = Guidance { colour: 40.0, jump: 1.5 };
+
+    #[test]
+    fn an_edge_inside_a_coarse_pixel_comes_to_lie_where_colours_change() {
+        let (coarse_size, fine_size) = (Size::new(12, 8), Size::new(24, 16));
+        // The edge is at fine column 13, in the middle of coarse column 6, which the map gives to the wrong side.
+        let fine = Grid::from_fn(fine_size, |x, _| if x < 13 { [20; 3] } else { [230; 3] });
+        let coarse = Grid::from_fn(coarse_size, |x, _| match x {
+            0..6 => [20; 3],
+            6 => [125; 3],
+            _ => [230; 3],
+        });
+        let u = Grid::from_fn(coarse_size, |x, _| if x < 7 { 4.0 } else { 40.0 });
+        let enlarged = enlarge(&u, &coarse, &fine, GUIDANCE);
+        for y in 0..fine_size.height {
+            for x in 0..fine_size.width {
+                assert_eq!(enlarged[(x, y)], if x < 13 { 4.0 } else { 40.0 }, "at {x}, {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn on_one_surface_the_nearest_depth_stays_whatever_the_colours() {
+        let u = Grid::from_fn(Size::new(9, 7), |x, y| 0.2 * x as f32 + 0.1 * y as f32);
+        let colours = |size| Grid::from_fn(size, |x, y| [(x * 97 + y * 31) as u8; 3]);
+        let (coarse, fine) = (colours(u.size()), colours(Size::new(18, 14)));
+        assert_eq!(enlarge(&u, &coarse, &fine, GUIDANCE), u.resized_nearest(fine.size()));
+    }
+
+    #[test]
+    fn the_median_goes_by_weight() {
+        assert_eq!(weighted_median(&mut [(9.0, 0.2), (1.0, 0.3), (5.0, 0.5)]), 5.0);
+        assert_eq!(weighted_median(&mut [(9.0, 0.6), (1.0, 0.3), (5.0, 0.1)]), 9.0);
+    }
+}
