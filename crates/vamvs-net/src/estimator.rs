@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
 use vamvs_core::complete::Completion;
-use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Size};
+use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Size};
 
 use crate::coarse::{PlaneMap, expectation};
 use crate::cost_volume::sweep;
@@ -33,6 +33,9 @@ pub struct EstimatorOptions {
 
 /// What encoding takes for each pixel of a photograph beside the features, bytes.
 const ENCODING: usize = 128;
+
+/// The photograph at 1/2, 1/4 and 1/8, for each 8×8 pixels, bytes.
+const PHOTOGRAPHS: usize = (16 + 4 + 1) * size_of::<Rgb>();
 
 /// What the sweep takes beside the volume, in slabs: warped features and the layers that relate them.
 const SLABS: usize = 6;
@@ -134,7 +137,7 @@ impl Estimator {
     pub fn peak_bytes(&self, size: Size, views: usize, planes: usize) -> usize {
         let (widths, value) = (self.network.widths(), size_of::<f32>());
         let cells = size.width.div_ceil(COARSE_SCALE) * size.height.div_ceil(COARSE_SCALE);
-        let features = views * widths.features * cells * value;
+        let features = views * cells * (widths.features * value + PHOTOGRAPHS);
         let encoding = ENCODING * size.area();
         let volume = widths.volume * planes * cells * value;
         let warped = widths.coarse * planes * cells * value;
