@@ -18,7 +18,7 @@ fn main() -> Result<(), VamvsError> {
 
     let input = Input::Colmap { model, images };
     let Loaded { scene, images, masks, .. } = input.load()?;
-    let photographs = Photographs::new(&images, masks, depth.max_size);
+    let photographs = Photographs::new(&images, masks, &depth);
     let plan = vamvs::plan(&scene, &photographs, &depth)?;
 
     let network = weights::load(None, Device::Cpu)?;

@@ -1,6 +1,7 @@
 """Exports the networks as TorchScript: `python export.py photometric OUT.pt`, `python export.py vis-max OUT.pt`."""
 
 import argparse
+import json
 
 import torch
 from torch import Tensor, nn
@@ -19,14 +20,11 @@ def copy_common(weights: dict[str, Tensor], module: nn.Module) -> None:
         target = own.get(name)
         if target is None or target.dim() != value.dim():
             continue
-        if target.shape == value.shape:
-            target.copy_(value)
-        elif target.dim() > 1 and target.shape[1] > value.shape[1] and target[:, : value.shape[1]].shape == value.shape:
+        same = target if target.dim() < 2 else target[:, : value.shape[1]]
+        if same.shape == value.shape:
             target.zero_()
-            target[:, : value.shape[1]] = value
-        else:
-            continue
-        taken += 1
+            same.copy_(value)
+            taken += 1
     print(f"{taken} of {len(own)} tensors are taken over")
 
 
@@ -48,6 +46,12 @@ def main() -> None:
     parser.add_argument(
         "--window", type=int, help="the coarse depth is the expectation over so many planes to each side of the likeliest"
     )
+    parser.add_argument(
+        "--completion", type=float, nargs=2, metavar=("STIFFNESS", "POWER"), help="complete blank surfaces at 1/8"
+    )
+    parser.add_argument(
+        "--guide", type=float, metavar="GREYS", help="enlarge maps along the photograph's edges; deviation of colours"
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
     parser.add_argument("--like", metavar="FILE.pt", help="start from the weights of this network in all layers that both have")
     arguments = parser.parse_args()
@@ -65,9 +69,15 @@ def main() -> None:
             not arguments.no_image_features,
             arguments.matched,
             arguments.window,
+            arguments.completion,
+            arguments.guide,
         )
     if arguments.like is not None:
-        copy_common(torch.jit.load(arguments.like).state_dict(), module)
+        other = torch.jit.load(arguments.like)
+        copy_common(other.state_dict(), module)
+        about = json.loads(module.manifest())
+        about["trained_on"] = json.loads(other.manifest())["trained_on"]
+        module.set_manifest(json.dumps(about))
     torch.jit.script(module.eval()).save(arguments.out)
 
 

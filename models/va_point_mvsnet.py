@@ -186,9 +186,10 @@ class VaPointMvsNet(nn.Module):
     directly, table 8), the plane's depth where visibility is predicted (table 3), the image features of the
     points (table 6).
 
-    Two options go beyond the paper. `matched`: the volume's regularisation is also given what the hand-made
+    The last options go beyond the paper. `matched`: the volume's regularisation is also given what the hand-made
     matcher finds, and what the network says is added to the matcher's own costs; so it learns where the matcher
-    is wrong, from far fewer samples. `window`: the coarse depth is the expectation near the likeliest plane.
+    is wrong, from far fewer samples. `window`, `completion`, `guide`: what the manifest asks of the stages around
+    the network, see README.md beside this file.
     """
 
     pairwise: Final[bool]  # vis-avg, vis-max: views are related to the reference one by one
@@ -207,6 +208,8 @@ class VaPointMvsNet(nn.Module):
         image_features: bool = True,
         matched: bool = False,
         window: Optional[int] = None,
+        completion: Optional[tuple[float, float]] = None,
+        guide: Optional[float] = None,
     ) -> None:
         super().__init__()
         if aggregation not in AGGREGATIONS:
@@ -219,7 +222,7 @@ class VaPointMvsNet(nn.Module):
         self.weighted = aggregation == "vis-var"
         about: dict[str, object] = {
             "contract": 1,
-            "name": f"va-point-mvsnet {aggregation}",
+            "name": f"va-point-mvsnet {aggregation}" + (", matched" if matched else ""),
             "aggregation": aggregation,
             "neighbours": neighbours,
             "hypotheses": hypotheses,
@@ -234,6 +237,10 @@ class VaPointMvsNet(nn.Module):
             about["averaged"] = 1
         if window is not None:
             about["window"] = window
+        if completion is not None:
+            about["completion"] = {"stiffness": completion[0], "power": completion[1]}
+        if guide is not None:
+            about["guide"] = guide
         self.about = json.dumps(about)
         flow_in = sum(FLOW_CHANNELS) // thin
         wide, out = 128 // thin, 64 // thin
@@ -281,7 +288,8 @@ class VaPointMvsNet(nn.Module):
             c = self.coarse_channels
             related = self.pair_coarse(ref[:, :c].flatten(2), src[:, :c].flatten(2)).unflatten(2, (h, w))
             if self.matched:
-                related = torch.cat((related, self.matcher.cell_similarity(ref[:, c:].detach(), src[:, c:].detach())), dim=1)
+                matches = self.matcher.cell_similarity(ref[:, c:].detach(), src[:, c:].detach())
+                related = torch.cat((related, matches), dim=1)
             return related
         if self.weighted:
             seen = src.flatten(2)
@@ -302,7 +310,8 @@ class VaPointMvsNet(nn.Module):
             matches = volume[:, self.coarse_channels :].detach()  # (1, 1, D, h, w), the mean over the views
             costs = self.matcher.costs(matches[:, 0])
             likely = torch.softmax(-costs, dim=1)[:, None]
-            return self.volume(torch.cat((volume[:, : self.coarse_channels], matches, likely), dim=1)) + self.trust * costs
+            joined = torch.cat((volume, likely), dim=1)
+            return self.volume(joined) + self.trust * costs
         return self.volume(volume)
 
     @torch.jit.export

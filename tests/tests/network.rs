@@ -5,7 +5,9 @@
 use nalgebra::{Rotation3, Vector3};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, DepthRange, Photo, Planes, Pose, Size, Spacing};
-use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile, tch};
+use vamvs_net::cost_volume::sweep;
+use vamvs_net::tch::{self, Kind, Tensor};
+use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
 
 const AGGREGATIONS: [&str; 6] = ["avg", "max", "var", "vis-avg", "vis-max", "vis-var"];
@@ -92,6 +94,27 @@ fn the_order_of_source_views_does_not_matter() {
         let (a, b) = (in_order([0, 1, 2, 3]), in_order([0, 3, 1, 2]));
         assert!(agreement(&a, &b, 1.0, 1e-4) > 0.999, "{name}: {}", agreement(&a, &b, 1.0, 1e-4));
     }
+}
+
+/// What the shipped vis-max averages, and what it takes the largest of.
+#[test]
+fn of_a_volume_the_last_channels_are_means_over_the_views_and_the_others_maxima() {
+    let views = fixtures::still_life(Size::new(96, 64), 4);
+    let network = module("weights/vis-max");
+    let averaged = network.manifest().averaged as i64;
+    assert_eq!(averaged, 1);
+    tch::no_grad(|| {
+        let encoded: Vec<_> = views.iter().map(|view| network.encode(&view.photo).unwrap()).collect();
+        let sources: Vec<_> = encoded[1..].iter().collect();
+        let planes = planes(&views[0], 16);
+        let volume =
+            |sources: &[_]| sweep(&network, &encoded[0], sources, &planes, None, usize::MAX).unwrap().volume;
+        let single = Tensor::cat(&sources.iter().map(|source| volume(&[*source])).collect::<Vec<_>>(), 0);
+        let split = single.size()[1] - averaged;
+        let largest = single.narrow(1, 0, split).amax(0, true);
+        let mean = single.narrow(1, split, averaged).mean_dim(0, true, Kind::Float);
+        assert!(volume(&sources).allclose(&Tensor::cat(&[largest, mean], 1), 1e-5, 1e-5, false));
+    });
 }
 
 #[test]
@@ -214,7 +237,7 @@ fn requests_without_sense_are_errors() {
 fn foveated_maps_are_the_whole_map_inside_and_coarser_around() {
     let views = fixtures::still_life(Size::new(256, 192), 3);
     let planes = planes(&views[0], 16);
-    for name in ["vis-max", "vis-var"] {
+    for name in ["vis-max", "vis-var", "weights/vis-max"] {
         let estimator = estimator(name);
         let encode = |view: &Rendered| estimator.network().encode(&view.photo).unwrap();
         let encoded: Vec<_> = tch::no_grad(|| views.iter().map(encode).collect());

@@ -211,6 +211,7 @@ mod depth {
             set(&mut self.device, flags.device.clone().map(Some));
             let depth = &mut self.depth;
             set(&mut depth.max_size, flags.max_size);
+            set(&mut depth.enlarge, flags.enlarge);
             set(&mut depth.views, flags.views);
             set(&mut depth.planes, flags.planes.map(Some));
             set(&mut depth.max_planes, flags.max_planes);

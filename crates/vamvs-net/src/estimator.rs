@@ -192,16 +192,31 @@ impl Estimator {
         profile: &mut Profile,
     ) -> Result<Vec<PlaneMap>, NetError> {
         let Coarse { map, visibility, .. } = self.coarse(reference, sources, planes, seen, profile)?;
-        let map = self.completed(map, reference, planes)?;
-        let mut stages = vec![map];
+        let mut stages = vec![self.completed(map, reference, planes, profile)?];
         for &iteration in &self.options.iterations {
             let stage = self.flow_stage(reference, sources, planes, &visibility, iteration);
-            let before = self.enlarged(&stages[stages.len() - 1].u, reference, iteration)?;
-            let refined = stage.refine(&before, profile)?;
-            let whole = iteration.scale == COARSE_SCALE;
-            stages.push(if whole { self.completed(refined, reference, planes)? } else { refined });
+            let refined = self.iterate(&stage, &stages[stages.len() - 1].u, profile)?;
+            stages.push(refined);
         }
         Ok(stages)
+    }
+
+    /// One iteration on the map before it, and what the network asks for around it.
+    pub(crate) fn iterate(
+        &self,
+        stage: &FlowStage<'_>,
+        before: &Tensor,
+        profile: &mut Profile,
+    ) -> Result<PlaneMap, NetError> {
+        let enlarged = match self.options.guide {
+            Some(colour) => Some(profile.time(Stage::Flow, || enlarged(before, stage, colour))?),
+            None => None,
+        };
+        let refined = stage.refine(enlarged.as_ref().unwrap_or(before), profile)?;
+        match stage.iteration.scale {
+            COARSE_SCALE => self.completed(refined, stage.reference, stage.planes, profile),
+            _ => Ok(refined),
+        }
     }
 
     /// A map at 1/8 with its blank surfaces completed, if that is asked for.
@@ -210,23 +225,11 @@ impl Estimator {
         map: PlaneMap,
         reference: &EncodedView,
         planes: &Planes,
+        profile: &mut Profile,
     ) -> Result<PlaneMap, NetError> {
-        match (self.options.completion, reference.photograph(COARSE_SCALE)) {
-            (Some(how), Some(image)) => completed(map, image, planes, how),
-            _ => Ok(map),
-        }
-    }
-
-    /// The map that an iteration begins with, along the photograph's edges, if that is asked for.
-    pub(crate) fn enlarged(
-        &self,
-        u: &Tensor,
-        reference: &EncodedView,
-        iteration: Iteration,
-    ) -> Result<Tensor, NetError> {
-        match self.options.guide {
-            Some(colour) => enlarged(u, reference, iteration, self.network.manifest().hypotheses, colour),
-            None => Ok(u.shallow_clone()),
+        match self.options.completion {
+            Some(how) => profile.time(Stage::Regularize, || completed(map, reference, planes, how)),
+            None => Ok(map),
         }
     }
 

@@ -67,7 +67,7 @@ impl Estimator {
     ) -> Result<(Vec<Layer>, Tensor), NetError> {
         let Coarse { map, visibility, .. } = self.coarse(reference, sources, planes, None, profile)?;
         let confidence = map.confidence.shallow_clone();
-        let map = self.completed(map, reference, planes)?;
+        let map = self.completed(map, reference, planes, profile)?;
         let image = reference.camera.size;
         let whole = PixelBox { x0: 0, y0: 0, x1: image.width, y1: image.height };
         let (_, padded) = reference.cropped(&whole)?;
@@ -84,10 +84,7 @@ impl Estimator {
             let masks = visibility.iter().map(|mask| cut(mask, 2, computed, COARSE_SCALE));
             let masks = masks.collect::<Result<Vec<_>, NetError>>()?;
             let stage = self.flow_stage(&part, sources, planes, &masks, iteration);
-            let before = self.enlarged(&last.cut(computed)?, &part, iteration)?;
-            let refined = stage.refine(&before, profile)?;
-            let whole = iteration.scale == COARSE_SCALE;
-            let map = if whole { self.completed(refined, reference, planes)? } else { refined };
+            let map = self.iterate(&stage, &last.cut(computed)?, profile)?;
             let before = std::mem::replace(&mut last, Layer { scale: iteration.scale, computed, shown, map });
             if before.scale != iteration.scale {
                 layers.push(before);

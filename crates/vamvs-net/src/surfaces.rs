@@ -7,56 +7,95 @@ use vamvs_core::guided::{Guidance, enlarge};
 use vamvs_core::{Grid, Planes, Rgb, Spacing};
 
 use crate::coarse::PlaneMap;
+use crate::encode::COARSE_SCALE;
 use crate::estimator::to_grid;
+use crate::point_flow::FlowStage;
 use crate::{EncodedView, Iteration, NetError};
 
-/// The map with the depths that bend least where confidence is low; `image` is the photograph at the map's size.
+/// A map at 1/8 with the depths that bend least where confidence is low.
 ///
 /// # Errors
 /// If memory runs out.
 pub(crate) fn completed(
     map: PlaneMap,
-    image: &Grid<Rgb>,
+    reference: &EncodedView,
     planes: &Planes,
     how: Completion,
 ) -> Result<PlaneMap, NetError> {
-    // In steps of inverse depth a plane of the world is linear in the pixel's coordinates.
+    let image = reference.photograph(COARSE_SCALE).expect("photographs are kept at 1/8");
+    let confidence = to_grid(&map.confidence)?;
+    let u = to_tensor(&fill(&to_grid(&map.u)?, &confidence, image, planes, how), &map.u)?;
+    Ok(PlaneMap { u, confidence: map.confidence })
+}
+
+/// In steps of inverse depth a plane of the world is linear in the pixel's coordinates, so that is what is completed.
+fn fill(
+    u: &Grid<f32>,
+    confidence: &Grid<f32>,
+    image: &Grid<Rgb>,
+    planes: &Planes,
+    how: Completion,
+) -> Grid<f32> {
     let inverse = Planes { spacing: Spacing::InverseDepth, ..*planes };
     let last = (planes.count - 1) as f64;
     let between =
         |from: &Planes, to: &Planes, u: f32| to.coordinate(from.depth(f64::from(u).clamp(0.0, last))) as f32;
-    let values = to_grid(&map.u)?.map(|&u| between(planes, &inverse, u));
-    let filled = complete(&values, &to_grid(&map.confidence)?, image, how);
-    let u = to_tensor(&filled.map(|&v| between(&inverse, planes, v)), &map.u)?;
-    Ok(PlaneMap { u, confidence: map.confidence })
+    let values = u.map(|&u| between(planes, &inverse, u));
+    complete(&values, confidence, image, how).map(|&v| between(&inverse, planes, v))
 }
 
-/// `u`, a map of `reference` at twice the iteration's scale or at the same, at the iteration's. Depths that differ
-/// by more than its `hypotheses` to each side reach are of two surfaces.
+/// The map `u` that an iteration begins with: at the iteration's scale, along the photograph's edges, where `u` has
+/// twice that scale; else as it is, since only halving is guided. Depths that differ by more than the hypotheses to
+/// each side reach are of two surfaces.
 ///
 /// # Errors
 /// If memory runs out.
-pub(crate) fn enlarged(
-    u: &Tensor,
-    reference: &EncodedView,
-    iteration: Iteration,
-    hypotheses: usize,
-    colour: f32,
-) -> Result<Tensor, NetError> {
-    let scale = iteration.scale;
-    let (Some(coarse), Some(fine)) = (reference.photograph(2 * scale), reference.photograph(scale)) else {
-        return Ok(u.shallow_clone());
-    };
+pub(crate) fn enlarged(u: &Tensor, stage: &FlowStage<'_>, colour: f32) -> Result<Tensor, NetError> {
+    let Iteration { scale, step } = stage.iteration;
+    let photograph = |scale| stage.reference.photograph(scale);
     let map = to_grid(u)?;
-    if map.size() != coarse.size() {
-        return Ok(u.shallow_clone());
+    match (photograph(2 * scale), photograph(scale)) {
+        (Some(coarse), Some(fine)) if coarse.size() == map.size() => {
+            let jump = stage.network.manifest().hypotheses as f32 * step as f32;
+            Ok(to_tensor(&enlarge(&map, coarse, fine, Guidance { colour, jump }), u)?)
+        }
+        _ => Ok(u.shallow_clone()),
     }
-    let jump = hypotheses as f32 * iteration.step as f32;
-    Ok(to_tensor(&enlarge(&map, coarse, fine, Guidance { colour, jump }), u)?)
 }
 
 /// A map (h, w) where `like` lives.
 fn to_tensor(map: &Grid<f32>, like: &Tensor) -> Result<Tensor, TchError> {
     let shape = [map.height() as i64, map.width() as i64];
     Tensor::f_from_slice(map.data())?.f_view(shape)?.f_to_device(like.device())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vamvs_core::{DepthRange, Size};
+
+    #[test]
+    fn a_tilted_wall_is_found_again_whatever_the_planes_are_uniform_in() {
+        let size = Size::new(40, 32);
+        for spacing in [Spacing::Depth, Spacing::InverseDepth] {
+            let planes = Planes { range: DepthRange { near: 2.0, far: 6.0 }, count: 64, spacing };
+            let wall = |x: usize, y: usize| 1.0 / (0.2 + 0.004 * x as f64 + 0.002 * y as f64);
+            let blank = |x: usize, y: usize| (8..32).contains(&x) && (6..26).contains(&y);
+            let u = Grid::from_fn(size, |x, y| {
+                if blank(x, y) {
+                    ((x * 37 + y * 91) % 64) as f32
+                } else {
+                    planes.coordinate(wall(x, y)) as f32
+                }
+            });
+            let confidence = Grid::from_fn(size, |x, y| if blank(x, y) { 0.1 } else { 1.0 });
+            let how = Completion { stiffness: 20.0, power: 4.0 };
+            let filled = fill(&u, &confidence, &Grid::filled(size, [180; 3]), &planes, how);
+            for (x, y) in [(20, 16), (9, 7), (31, 25), (2, 2)] {
+                let depth = planes.depth(f64::from(filled[(x, y)]));
+                let error = (depth / wall(x, y) - 1.0).abs();
+                assert!(error < 0.01, "{spacing:?}: {depth} is not {} at {x}, {y}", wall(x, y));
+            }
+        }
+    }
 }

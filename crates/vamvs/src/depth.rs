@@ -343,7 +343,7 @@ impl Run<'_> {
 
     fn record(&self, view: usize, plan: &ViewPlan) -> Record {
         Record {
-            made_of: self.identity.of(view, plan, self.features.photographs.max_size()),
+            made_of: self.identity.of(view, plan, &self.features.photographs),
             planes: Some(plan.planes),
             sources: plan.sources.iter().map(|&source| self.names[source].clone()).collect(),
         }

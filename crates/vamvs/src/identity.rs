@@ -25,10 +25,11 @@ impl Identity {
         Self { common, views: scene.views.par_iter().map(|view| hash_view(view, photographs)).collect() }
     }
 
-    /// The hash of what makes the depth map of `view` by `plan`, of photographs reduced to `max_size` pixels.
-    pub fn of(&self, view: usize, plan: &ViewPlan, max_size: usize) -> String {
+    /// The hash of what makes the depth map of `view` by `plan`, of photographs of the size that `photographs` have.
+    pub fn of(&self, view: usize, plan: &ViewPlan, photographs: &Photographs) -> String {
         let mut hasher = blake3::Hasher::new();
-        hasher.update(format!("{} {max_size}", self.common).as_bytes());
+        let sized = format!("{} {} {}", self.common, photographs.max_size(), photographs.enlarge());
+        hasher.update(sized.as_bytes());
         hasher.update(format!("{:?} {:?} {}", plan.planes, plan.region, plan.foveated).as_bytes());
         for view in std::iter::once(view).chain(plan.sources.iter().copied()) {
             hasher.update(self.views[view].as_bytes());

@@ -15,6 +15,9 @@ pub(crate) const MIN_SIZE: usize = 64;
 pub struct DepthOptions {
     /// Longer side to which larger photographs are reduced, pixels.
     pub max_size: usize,
+    /// Smaller photographs are enlarged up to so many times, 1 to 8, but not beyond `max_size`: the coarse map's
+    /// cells of 8 pixels lose what is smaller than they are.
+    pub enlarge: f64,
     /// Views compared for a depth map, the reference included, at least 2.
     pub views: usize,
     /// Number of planes; by default from the cameras, see [`vamvs_core::Planes::fitting`].
@@ -41,6 +44,7 @@ impl Default for DepthOptions {
     fn default() -> Self {
         Self {
             max_size: 1280,
+            enlarge: 1.0,
             views: 5,
             planes: None,
             max_planes: 192,

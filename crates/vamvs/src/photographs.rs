@@ -1,4 +1,4 @@
-//! The photographs of a scene as the network wants them: undistorted and reduced.
+//! The photographs of a scene as the network wants them: undistorted, reduced or enlarged.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use vamvs_core::{Camera, Grid, Photo, Pinhole, Scene, Size, View};
 use vamvs_io::image;
 use vamvs_io::masks::{self, Masks};
 
-use crate::VamvsError;
+use crate::{DepthOptions, VamvsError};
 
 /// Reads photographs of a scene one by one.
 #[derive(Clone, Debug)]
@@ -15,14 +15,15 @@ pub struct Photographs {
     images: PathBuf,
     masks: Masks,
     max_size: usize,
+    enlarge: f64,
 }
 
 impl Photographs {
-    /// Photographs in `images`, with their masks (0 = ignore), reduced to `max_size` pixels on the longer
-    /// side.
+    /// Photographs in `images`, with their masks (0 = ignore), at the size that the options ask for.
     #[must_use]
-    pub fn new(images: &Path, masks: Masks, max_size: usize) -> Self {
-        Self { images: images.to_owned(), masks, max_size }
+    pub fn new(images: &Path, masks: Masks, options: &DepthOptions) -> Self {
+        let DepthOptions { max_size, enlarge, .. } = *options;
+        Self { images: images.to_owned(), masks, max_size, enlarge }
     }
 
     /// The same photographs, reduced to `max_size` pixels on the longer side.
@@ -35,6 +36,12 @@ impl Photographs {
     #[must_use]
     pub fn max_size(&self) -> usize {
         self.max_size
+    }
+
+    /// How many times larger photographs may become.
+    #[must_use]
+    pub fn enlarge(&self) -> f64 {
+        self.enlarge
     }
 
     /// The folder of photographs.
@@ -67,7 +74,7 @@ impl Photographs {
         Undistortion::new(camera).pinhole().resized(self.working_size(camera.size))
     }
 
-    /// Reads, undistorts and reduces a view's photograph, with its mask: file, alpha channel and what
+    /// Reads, undistorts and resizes a view's photograph, with its mask: file, alpha channel and what
     /// undistortion leaves empty together. The second value is a note for the user.
     ///
     /// # Errors
@@ -85,19 +92,17 @@ impl Photographs {
         let photo = Photo {
             camera: undistortion.pinhole().resized(size),
             cam_from_world: view.cam_from_world,
-            image: reduced(undistortion.image(&loaded.rgb), size),
+            image: resized(undistortion.image(&loaded.rgb), size),
             mask: mask.map(|mask| mask.resized_nearest(size)),
         };
         Ok((photo, loaded.note.map(|note| format!("{}: {note}", view.name))))
     }
 
     fn working_size(&self, size: Size) -> Size {
-        let longer = size.width.max(size.height);
-        if longer <= self.max_size {
-            return size;
-        }
-        let reduce = |side: usize| ((side * self.max_size) as f64 / longer as f64).round().max(1.0) as usize;
-        Size::new(reduce(size.width), reduce(size.height))
+        let longer = size.width.max(size.height) as f64;
+        let ratio = self.enlarge.min(self.max_size as f64 / longer);
+        let side = |side: usize| (side as f64 * ratio).round().max(1.0) as usize;
+        Size::new(side(size.width), side(size.height))
     }
 }
 
@@ -107,7 +112,7 @@ pub fn working_cameras(photographs: &Photographs, scene: &Scene) -> Vec<Pinhole>
     scene.views.iter().map(|view| photographs.working_camera(&view.camera)).collect()
 }
 
-fn reduced(image: Grid<vamvs_core::Rgb>, size: Size) -> Grid<vamvs_core::Rgb> {
+fn resized(image: Grid<vamvs_core::Rgb>, size: Size) -> Grid<vamvs_core::Rgb> {
     if image.size() == size { image } else { image::resize(&image, size) }
 }
 
@@ -118,5 +123,23 @@ fn both(a: Option<Grid<bool>>, b: Option<Grid<bool>>) -> Option<Grid<bool>> {
             Some(a)
         }
         (a, b) => a.or(b),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn large_photographs_are_reduced_and_small_ones_enlarged_up_to_the_size_asked_for() {
+        let sized = |enlarge: f64, size: Size| {
+            let options = DepthOptions { max_size: 1280, enlarge, ..DepthOptions::default() };
+            Photographs::new(Path::new("images"), Masks::None, &options).working_size(size)
+        };
+        assert_eq!(sized(1.0, Size::new(3000, 2000)), Size::new(1280, 853));
+        assert_eq!(sized(1.0, Size::new(480, 640)), Size::new(480, 640));
+        assert_eq!(sized(2.0, Size::new(3000, 2000)), Size::new(1280, 853));
+        assert_eq!(sized(2.0, Size::new(480, 640)), Size::new(960, 1280));
+        assert_eq!(sized(2.0, Size::new(800, 600)), Size::new(1280, 960));
     }
 }

@@ -77,6 +77,9 @@ fn check(options: &DepthOptions) -> Result<(), VamvsError> {
     if options.max_size < MIN_SIZE {
         return wrong(format!("max-size must be at least {MIN_SIZE} pixels, got {}", options.max_size));
     }
+    if !(1.0..=8.0).contains(&options.enlarge) {
+        return wrong(format!("enlarge must be from 1 to 8, got {}", options.enlarge));
+    }
     if let Some(planes) = options.planes.filter(|planes| !(8..=2048).contains(planes)) {
         return wrong(format!("planes must be from 8 to 2048, got {planes}"));
     }

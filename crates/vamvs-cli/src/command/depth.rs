@@ -48,7 +48,7 @@ pub fn estimate(
     loaded.warnings.iter().for_each(|warning| progress.warn(warning));
     let settings = settings.previewing(&loaded.scene, &arguments.depth);
     let masks = settings.input.masks(&loaded.masks)?;
-    let photographs = Photographs::new(&loaded.images, masks.clone(), settings.depth.max_size);
+    let photographs = Photographs::new(&loaded.images, masks.clone(), &settings.depth);
     say_masks(&masks, photographs.masked(&loaded.scene), loaded.scene.views.len(), progress);
     let out = OutputFolder::new(&arguments.out());
     out.expect_apart(settings.input.cams.as_deref())?;

@@ -81,6 +81,30 @@ fn a_preview_is_smaller_is_recorded_and_gives_way_to_flags() {
 }
 
 #[test]
+fn enlarged_photographs_give_maps_of_their_own_size_and_more_that_is_right() {
+    let scene = Scene::new(256, 192, 3);
+    let truth = &scene.views[0].depth;
+    let size_and_share = |arguments: &[&str]| {
+        expect_success(&scene.run("depth", &[&["--quiet"], arguments].concat()));
+        let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
+        let step = truth.width() / map.width();
+        let places = (0..map.height()).flat_map(|y| (0..map.width()).map(move |x| (x, y)));
+        let right = places.filter(|&(x, y)| {
+            let expected = truth[(x * step + step / 2, y * step + step / 2)];
+            (map[(x, y)] - expected).abs() < 0.01 * expected
+        });
+        (map.size(), right.count() as f64 / map.size().area() as f64)
+    };
+    let (size, share) = size_and_share(&[]);
+    assert_eq!(size, vamvs::core::Size::new(128, 96));
+    let (size, larger_share) = size_and_share(&["--enlarge", "2"]);
+    assert_eq!(size, vamvs::core::Size::new(256, 192));
+    assert!(larger_share > share + 0.05, "{larger_share} and {share}");
+    let (size, _) = size_and_share(&["--enlarge", "2", "--max-size", "320"]);
+    assert_eq!(size, vamvs::core::Size::new(160, 120));
+}
+
+#[test]
 fn a_depth_map_that_does_not_fit_into_the_memory_becomes_smaller_and_that_is_told() {
     let scene = Scene::new(400, 300, 2);
     let size_and_words = |memory: &str| {
