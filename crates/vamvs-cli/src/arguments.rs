@@ -315,7 +315,8 @@ pub enum Spacing {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Depth")]
 pub struct DepthFlags {
-    /// The network: photometric or vis-max, which are built in, or a TorchScript module [default: photometric].
+    /// The network: vis-max (trained) or photometric (made by hand, a quarter of the time), which are built in, or a
+    /// TorchScript module [default: vis-max].
     #[arg(long, value_name = "NAME|FILE.pt")]
     pub weights: Option<PathBuf>,
     /// auto, cpu, cuda or cuda:N [default: auto].

@@ -9,8 +9,8 @@ use crate::VamvsError;
 
 /// The networks that are built in, by name; the first is used if none is asked for.
 const BUILT_IN: [(&str, &[u8]); 2] = [
-    ("photometric", include_bytes!("../../../weights/photometric.pt")),
     ("vis-max", include_bytes!("../../../weights/vis-max.pt")),
+    ("photometric", include_bytes!("../../../weights/photometric.pt")),
 ];
 
 /// Where a network is.
@@ -66,7 +66,7 @@ mod tests {
     fn names_are_built_in_and_paths_are_files() {
         assert!(is_built_in(Path::new("vis-max")) && is_built_in(Path::new("photometric")));
         assert!(!is_built_in(Path::new("./vis-max")) && !is_built_in(Path::new("vis-max.pt")));
-        assert_eq!(bytes(None).unwrap(), bytes(Some(Path::new("photometric"))).unwrap());
+        assert_eq!(bytes(None).unwrap(), bytes(Some(Path::new("vis-max"))).unwrap());
         let error = bytes(Some(Path::new("absent/net.pt"))).unwrap_err().in_full();
         assert!(error.contains("net.pt"), "{error}");
     }
