@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from layers import NORMS
 from photometric import Photometric
-from va_point_mvsnet import AGGREGATIONS, HYPOTHESES, NEIGHBOURS, VaPointMvsNet
+from va_point_mvsnet import AGGREGATIONS, HYPOTHESES, NEIGHBOURS, STEPS, VaPointMvsNet
 
 
 def copy_common(weights: dict[str, Tensor], module: nn.Module) -> None:
@@ -52,6 +52,10 @@ def main() -> None:
     parser.add_argument(
         "--guide", type=float, metavar="GREYS", help="enlarge maps along the photograph's edges; deviation of colours"
     )
+    parser.add_argument("--cells", type=int, choices=(8, 4), default=8, help="width of the coarse cells, pixels")
+    parser.add_argument(
+        "--steps", type=float, nargs=3, default=STEPS, help="between hypotheses at 1/8, 1/4, 1/2, plane distances"
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
     parser.add_argument("--like", metavar="FILE.pt", help="start from the weights of this network in all layers that both have")
     arguments = parser.parse_args()
@@ -71,6 +75,8 @@ def main() -> None:
             arguments.window,
             arguments.completion,
             arguments.guide,
+            arguments.cells,
+            tuple(arguments.steps),
         )
     if arguments.like is not None:
         other = torch.jit.load(arguments.like)

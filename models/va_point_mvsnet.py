@@ -20,6 +20,7 @@ from matcher import GradientMatcher
 AGGREGATIONS = ("avg", "max", "var", "vis-avg", "vis-max", "vis-var")
 NEIGHBOURS = 16
 HYPOTHESES = 2  # to each side of a point (m)
+STEPS = (1.0, 0.75, 0.15)  # between hypotheses in the three flow iterations, plane distances (s)
 POSITION_CHANNELS = 24  # x, y, z, repeated 8 times
 FLOW_CHANNELS = (16, 32, 64)
 CHUNK = 4096  # points whose neighbours are gathered at once, so that they stay in the cache
@@ -188,8 +189,8 @@ class VaPointMvsNet(nn.Module):
 
     The last options go beyond the paper. `matched`: the volume's regularisation is also given what the hand-made
     matcher finds, and what the network says is added to the matcher's own costs; so it learns where the matcher
-    is wrong, from far fewer samples. `window`, `completion`, `guide`: what the manifest asks of the stages around
-    the network, see README.md beside this file.
+    is wrong, from far fewer samples. `window`, `completion`, `guide`, `cells`: what the manifest asks of the stages
+    around the network, see README.md beside this file.
     """
 
     pairwise: Final[bool]  # vis-avg, vis-max: views are related to the reference one by one
@@ -210,6 +211,8 @@ class VaPointMvsNet(nn.Module):
         window: Optional[int] = None,
         completion: Optional[tuple[float, float]] = None,
         guide: Optional[float] = None,
+        cells: int = 8,
+        steps: tuple[float, float, float] = STEPS,
     ) -> None:
         super().__init__()
         if aggregation not in AGGREGATIONS:
@@ -228,7 +231,7 @@ class VaPointMvsNet(nn.Module):
             "hypotheses": hypotheses,
             "flow_layers": 3,
             "planes": 96,
-            "iterations": [{"scale": 8, "step": 1.0}, {"scale": 4, "step": 0.75}, {"scale": 2, "step": 0.15}],
+            "iterations": [{"scale": scale, "step": step} for scale, step in zip((8, 4, 2), steps)],
             "licence": "MIT OR Apache-2.0",
             "trained_on": "nothing: random weights",
             "scores": {},
@@ -241,6 +244,8 @@ class VaPointMvsNet(nn.Module):
             about["completion"] = {"stiffness": completion[0], "power": completion[1]}
         if guide is not None:
             about["guide"] = guide
+        if cells != 8:
+            about["cells"] = cells
         self.about = json.dumps(about)
         flow_in = sum(FLOW_CHANNELS) // thin
         wide, out = 128 // thin, 64 // thin

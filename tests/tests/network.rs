@@ -7,7 +7,8 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, DepthRange, Photo, Planes, Pose, Size, Spacing};
 use vamvs_net::cost_volume::sweep;
 use vamvs_net::tch::{self, Kind, Tensor};
-use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile};
+use vamvs_io::image::resize;
+use vamvs_net::{Device, Estimator, EstimatorOptions, Iteration, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
 
 const AGGREGATIONS: [&str; 6] = ["avg", "max", "var", "vis-avg", "vis-max", "vis-var"];
@@ -108,7 +109,7 @@ fn of_a_volume_the_last_channels_are_means_over_the_views_and_the_others_maxima(
         let sources: Vec<_> = encoded[1..].iter().collect();
         let planes = planes(&views[0], 16);
         let volume =
-            |sources: &[_]| sweep(&network, &encoded[0], sources, &planes, None, usize::MAX).unwrap().volume;
+            |sources: &[_]| sweep(&network, &encoded[0], sources, &planes, (None, 0), usize::MAX).unwrap().volume;
         let single = Tensor::cat(&sources.iter().map(|source| volume(&[*source])).collect::<Vec<_>>(), 0);
         let split = single.size()[1] - averaged;
         let largest = single.narrow(1, 0, split).amax(0, true);
@@ -218,6 +219,39 @@ fn a_region_gives_the_depth_of_the_whole_there() {
         }
     }
     assert!(same as f64 > 0.95 * f64::from(count), "{same} of {count}");
+}
+
+/// Cells of 4 pixels: what is enlarged stays inside, all sizes, places and cameras are still the photograph's.
+#[test]
+fn smaller_cells_give_what_enlarged_photographs_give() {
+    let views = fixtures::tilted_plane(Size::new(202, 150), 3);
+    let planes = planes(&views[1], 32);
+    let order = [1, 0, 2].map(|i| &views[i].photo);
+    let mut small = estimator("weights/photometric");
+    small.network_mut().set_cells(4).unwrap();
+    assert_eq!(small.scales(), [4, 2]);
+    let map = depth(&small, &order, &planes);
+    assert_eq!(map.depth.size(), Size::new(101, 75));
+    assert_eq!(map.camera, order[0].camera.resized(map.depth.size()));
+
+    // The part of the photograph that a region asks for, in whole cells.
+    let encoded = tch::no_grad(|| small.network().encode(order[0]).unwrap());
+    let (part, place) = encoded.cropped(&PixelBox { x0: 21, y0: 30, x1: 131, y1: 201 }).unwrap();
+    assert_eq!((place.x0, place.y0, place.x1, place.y1), (16, 24, 136, 152));
+    assert_eq!(part.camera.size, Size::new(2 * 120, 2 * 126));
+
+    let enlarged = order.map(|photo| {
+        let size = Size::new(404, 300);
+        Photo { camera: photo.camera.resized(size), image: resize(&photo.image, size), ..photo.clone() }
+    });
+    let mut large = estimator("weights/photometric");
+    let last_two = small.options().iterations[1..].iter();
+    large.options_mut().iterations = last_two.map(|i| Iteration { scale: 2 * i.scale, ..*i }).collect();
+    let other = depth(&large, &enlarged.each_ref(), &planes);
+    assert_eq!(other.camera, map.camera);
+    let same = agreement(&map, &other, 1.0, 0.005);
+    assert!(same > 0.95, "{same}");
+    assert!(small.network_mut().set_cells(16).unwrap_err().to_string().contains("16"));
 }
 
 #[test]

@@ -323,16 +323,20 @@ pub struct DepthFlags {
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
     /// A quick look at a capture, in about a tenth of the time: photographs of half their size, 640 pixels at
-    /// most, and --iterations 2; --max-size and --iterations override.
+    /// most, --cells 8 and --iterations 2, each of which may still be given.
     #[arg(long)]
     pub preview: bool,
     /// Longer side to which larger photographs are reduced, pixels [default: 1280].
     #[arg(long, value_name = "PIXELS")]
     pub max_size: Option<usize>,
-    /// Smaller photographs are enlarged up to so many times, but not beyond --max-size, for thin things and sharp
-    /// edges; 2 takes four times the time and memory [default: 1].
+    /// Smaller photographs are enlarged up to so many times, but not beyond --max-size, and depth maps with them; 2
+    /// takes four times the time [default: 1].
     #[arg(long, value_name = "TIMES")]
     pub enlarge: Option<f64>,
+    /// Width of the first, coarse map's cells: 8 pixels of the photograph, or 4, which see thin things and keep
+    /// edges, but take two to three times the time [default: the network's, 4 for vis-max, 8 for photometric].
+    #[arg(long, value_name = "PIXELS")]
+    pub cells: Option<usize>,
     /// Views compared for a depth map, the reference included [default: 5].
     #[arg(long, value_name = "N")]
     pub views: Option<usize>,

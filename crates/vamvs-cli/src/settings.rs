@@ -212,6 +212,7 @@ mod depth {
             let depth = &mut self.depth;
             set(&mut depth.max_size, flags.max_size);
             set(&mut depth.enlarge, flags.enlarge);
+            set(&mut depth.cells, flags.cells.map(Some));
             set(&mut depth.views, flags.views);
             set(&mut depth.planes, flags.planes.map(Some));
             set(&mut depth.max_planes, flags.max_planes);
@@ -242,6 +243,7 @@ mod depth {
                 let longer = sides.map(|size| size.width.max(size.height)).max().unwrap_or(0);
                 settings.depth = settings.depth.preview(longer);
                 set(&mut settings.depth.max_size, flags.max_size);
+                set(&mut settings.depth.cells, flags.cells.map(Some));
                 set(&mut settings.depth.iterations, flags.iterations.map(Some));
             }
             settings

@@ -16,6 +16,8 @@ struct Sweep<'a> {
     reference: &'a EncodedView,
     sources: Vec<(&'a EncodedView, Projection)>,
     planes: &'a Planes,
+    /// Which of the views' coarse features are swept.
+    level: usize,
     slab: usize,
 }
 
@@ -28,8 +30,8 @@ pub struct CostVolume {
     pub visibility: Vec<Tensor>,
 }
 
-/// Sweeps `planes` through the features of the reference and its sources. A slab of warped features
-/// takes at most `slab_bytes`, or one plane if that is more. Where the aggregation weighs views, `seen` are
+/// Sweeps `planes` through the coarse features of the reference and its sources: at `level` 0 those of the network's
+/// cells, at 1 of cells twice as wide, where photographs were enlarged. A slab of warped features takes at most `slab_bytes`, or one plane if that is more. Where the aggregation weighs views, `seen` are
 /// masks to do it by, instead of the network's.
 ///
 /// # Errors
@@ -39,17 +41,18 @@ pub fn sweep(
     reference: &EncodedView,
     sources: &[&EncodedView],
     planes: &Planes,
-    seen: Option<Vec<Tensor>>,
+    (seen, level): (Option<Vec<Tensor>>, usize),
     slab_bytes: usize,
 ) -> Result<CostVolume, NetError> {
-    let lattice = PixelLattice::new(COARSE_SCALE, (0, 0), 1, reference.size_at(COARSE_SCALE));
+    let cell = COARSE_SCALE << level;
+    let lattice = PixelLattice::new(cell, (0, 0), 1, reference.size_at(cell));
     let sources = sources
         .iter()
         .map(|source| Ok((*source, Projection::new(&lattice, reference, source, planes.range.near)?)))
         .collect::<Result<_, TchError>>()?;
-    let plane_bytes = reference.coarse.numel() * size_of::<f32>();
+    let plane_bytes = reference.coarse[level].numel() * size_of::<f32>();
     let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
-    let sweep = Sweep { network, reference, sources, planes, slab };
+    let sweep = Sweep { network, reference, sources, planes, level, slab };
     let visibility = match seen {
         Some(seen) if network.manifest().aggregation.weighs_views() => seen,
         _ => sweep.visibility()?,
@@ -58,6 +61,10 @@ pub fn sweep(
 }
 
 impl Sweep<'_> {
+    fn features<'v>(&self, view: &'v EncodedView) -> &'v Tensor {
+        &view.coarse[self.level]
+    }
+
     /// Slab by slab into one volume (1, C', D, h, w).
     fn volume(&self, visibility: &[Tensor]) -> Result<Tensor, NetError> {
         let mut volume = None;
@@ -85,12 +92,12 @@ impl Sweep<'_> {
         let (depth, coordinate) = self.slab_depths(first)?;
         if !aggregation.relates_pairs() {
             let planes = depth.size()[0];
-            reducer.add(&self.reference.coarse.f_expand([planes, -1, -1, -1], false)?, None)?;
+            reducer.add(&self.features(self.reference).f_expand([planes, -1, -1, -1], false)?, None)?;
         }
         for (index, (source, projection)) in self.sources.iter().enumerate() {
-            let warped = sample(&source.coarse, &projection.grid(&depth)?, Outside::Zero)?;
+            let warped = sample(self.features(source), &projection.grid(&depth)?, Outside::Zero)?;
             if aggregation.relates_pairs() {
-                let related = self.network.relate(&self.reference.coarse, &warped, &coordinate)?;
+                let related = self.network.relate(self.features(self.reference), &warped, &coordinate)?;
                 let split = related.size()[1] - manifest.averaged as i64;
                 reducer.add(&related.f_narrow(1, 0, split)?, None)?;
                 if manifest.averaged > 0 {
@@ -118,8 +125,8 @@ impl Sweep<'_> {
                 let mut pooled: Option<Tensor> = None;
                 for first in (0..self.planes.count).step_by(self.slab) {
                     let (depth, coordinate) = self.slab_depths(first)?;
-                    let warped = sample(&source.coarse, &projection.grid(&depth)?, Outside::Zero)?;
-                    let related = self.network.relate(&self.reference.coarse, &warped, &coordinate)?;
+                    let warped = sample(self.features(source), &projection.grid(&depth)?, Outside::Zero)?;
+                    let related = self.network.relate(self.features(self.reference), &warped, &coordinate)?;
                     let best = related.f_amax([0], true)?;
                     pooled = Some(match pooled {
                         Some(pooled) => pooled.f_maximum(&best)?,
@@ -134,7 +141,7 @@ impl Sweep<'_> {
     /// Depths of a slab's planes in units of `near`, (D', 1), and their coordinates in [0, 1], (D').
     fn slab_depths(&self, first: usize) -> Result<(Tensor, Tensor), TchError> {
         let end = (first + self.slab).min(self.planes.count);
-        let options = (Kind::Float, self.reference.coarse.device());
+        let options = (Kind::Float, self.features(self.reference).device());
         let u = Tensor::f_arange_start(first as i64, end as i64, options)?;
         let coordinate = u.f_div_scalar((self.planes.count - 1) as f64)?;
         Ok((depth_of(self.planes, &u)?.f_unsqueeze(1)?, coordinate))

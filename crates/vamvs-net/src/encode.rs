@@ -15,14 +15,16 @@ pub const FLOW_SCALES: [usize; 3] = [2, 4, 8];
 /// The features of a photograph, with its camera.
 #[derive(Debug)]
 pub struct EncodedView {
-    /// The photograph's camera.
+    /// How many times larger than the photograph all that follows is.
+    enlarge: usize,
+    /// The camera of the enlarged photograph.
     pub camera: Pinhole,
     /// Its pose.
     pub cam_from_world: Pose,
-    /// Width and height after padding to a multiple of 8 on the right and at the bottom.
+    /// Width and height after the photograph was padded to a multiple of 8 on the right and at the bottom.
     pub(crate) padded: Size,
-    /// (1, C, H/8, W/8)
-    pub(crate) coarse: Tensor,
+    /// (1, C, H/8, W/8), and if the photograph is enlarged, (1, C, H/16, W/16), as it is without that.
+    pub(crate) coarse: Vec<Tensor>,
     /// (1, C, H/2, W/2), (1, C, H/4, W/4), (1, C, H/8, W/8)
     pub(crate) flow: [Tensor; 3],
     /// The photograph at the strides of the flow features, padded.
@@ -30,6 +32,12 @@ pub struct EncodedView {
 }
 
 impl Network {
+    /// How many times larger than it is the network sees a photograph, for coarse cells of the width it wants.
+    #[must_use]
+    pub fn enlarge(&self) -> usize {
+        COARSE_SCALE / self.manifest().cells
+    }
+
     /// Encodes a photograph of any size of at least 32×32 pixels.
     ///
     /// # Errors
@@ -41,27 +49,49 @@ impl Network {
                 "a photograph of {size} pixels is too small: expected 32×32 at least"
             )));
         }
+        let enlarge = self.enlarge();
         let image = image_tensor(photo)?.f_to_device(self.device())?;
-        let (_, _, height, width) = image.size4()?;
+        let large = enlarged(&image, enlarge)?;
+        let mut coarse = vec![self.encode_coarse(&large)?];
+        if enlarge > 1 {
+            coarse.push(self.encode_coarse(&image)?);
+        }
+        let (_, _, height, width) = large.size4()?;
         Ok(EncodedView {
-            camera: photo.camera,
+            enlarge,
+            camera: photo.camera.resized(Size::new(size.width * enlarge, size.height * enlarge)),
             cam_from_world: photo.cam_from_world,
             padded: Size::new(width as usize, height as usize),
-            coarse: self.encode_coarse(&image)?,
-            flow: self.encode_flow(&image)?,
-            photographs: photographs(&image)?,
+            coarse,
+            flow: self.encode_flow(&large)?,
+            photographs: photographs(&large)?,
         })
     }
 }
 
 impl EncodedView {
-    /// The part of the view inside `region`, its border moved outwards to multiples of 8 pixels, and
-    /// that part's offset in the image. The features are shared, not copied.
+    /// The part of the view inside `region` (pixels of the photograph), its border moved outwards to multiples of 8
+    /// pixels, and where that part lies in the photograph. The features are shared, not copied.
     ///
     /// # Errors
     /// If the region is not inside the image.
     pub fn cropped(&self, region: &PixelBox) -> Result<(Self, PixelBox), NetError> {
-        let scale = COARSE_SCALE;
+        let (view, outer) = self.part(&self.enlarged(region))?;
+        let reduced = |at: usize| at / self.enlarge;
+        let PixelBox { x0, y0, x1, y1 } = outer;
+        Ok((view, PixelBox { x0: reduced(x0), y0: reduced(y0), x1: reduced(x1), y1: reduced(y1) }))
+    }
+
+    /// A region of the photograph in the enlarged one.
+    pub(crate) fn enlarged(&self, region: &PixelBox) -> PixelBox {
+        let enlarged = |at: usize| at * self.enlarge;
+        let PixelBox { x0, y0, x1, y1 } = *region;
+        PixelBox { x0: enlarged(x0), y0: enlarged(y0), x1: enlarged(x1), y1: enlarged(y1) }
+    }
+
+    /// As [`EncodedView::cropped`], all in pixels of the enlarged photograph.
+    pub(crate) fn part(&self, region: &PixelBox) -> Result<(Self, PixelBox), NetError> {
+        let scale = COARSE_SCALE * self.enlarge;
         let outer = PixelBox {
             x0: region.x0 / scale * scale,
             y0: region.y0 / scale * scale,
@@ -91,10 +121,13 @@ impl EncodedView {
             intrinsics: self.camera.intrinsics.cropped(outer.x0 as f64, outer.y0 as f64),
         };
         let view = Self {
+            enlarge: self.enlarge,
             camera,
             cam_from_world: self.cam_from_world,
             padded,
-            coarse: part(&self.coarse, 8)?,
+            coarse: (0..self.coarse.len())
+                .map(|level| part(&self.coarse[level], COARSE_SCALE << level))
+                .collect::<Result<_, _>>()?,
             flow: [part(half, 2)?, part(quarter, 4)?, part(eighth, 8)?],
             photographs: std::array::from_fn(|level| {
                 let scale = FLOW_SCALES[level];
@@ -110,7 +143,7 @@ impl EncodedView {
     /// Bytes that the features take, and the photograph beside them.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        let values: usize = self.flow.iter().chain([&self.coarse]).map(Tensor::numel).sum();
+        let values: usize = self.flow.iter().chain(&self.coarse).map(Tensor::numel).sum();
         let pixels: usize = self.photographs.iter().map(|photograph| photograph.size().area()).sum();
         values * size_of::<f32>() + pixels * size_of::<Rgb>()
     }
@@ -160,4 +193,14 @@ fn image_tensor(photo: &Photo) -> Result<Tensor, TchError> {
         return image.f_contiguous();
     }
     image.f_replication_pad2d([0, right as i64, 0, bottom as i64])
+}
+
+/// The image enlarged so many times by cubic interpolation.
+fn enlarged(image: &Tensor, times: usize) -> Result<Tensor, TchError> {
+    if times == 1 {
+        return Ok(image.shallow_clone());
+    }
+    let (_, _, height, width) = image.size4()?;
+    let size = [height, width].map(|side| side * times as i64);
+    image.f_upsample_bicubic2d(size, false, None, None)?.f_clamp(0.0, 1.0)
 }

@@ -1,12 +1,12 @@
 //! From a reference view and its sources to a depth map.
 
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
+use tch::{TchError, Tensor};
 use vamvs_core::complete::Completion;
 use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Size};
 
 use crate::coarse::{PlaneMap, expectation};
-use crate::cost_volume::sweep;
+use crate::cost_volume::{CostVolume, sweep};
 use crate::encode::COARSE_SCALE;
 use crate::manifest::check_iterations;
 use crate::point_flow::{FlowStage, enlarge};
@@ -18,7 +18,8 @@ use crate::{EncodedView, Iteration, NetError, Network};
 /// How depth maps are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatorOptions {
-    /// The flow iterations, coarse to fine; the last one's scale is the depth map's.
+    /// The flow iterations, coarse to fine; the last one's scale is the depth map's. Those that are coarser than the
+    /// coarse map's cells are left out.
     pub iterations: Vec<Iteration>,
     /// How maps at 1/8 are completed where images are blank; `None`: not at all.
     pub completion: Option<Completion>,
@@ -30,6 +31,9 @@ pub struct EstimatorOptions {
     /// Points refined at once, hypotheses included.
     pub strip_points: usize,
 }
+
+/// The share of cells of 8 pixels in the costs where there are those of 4 too.
+const WIDE: f64 = 0.4;
 
 /// What encoding takes for each pixel of a photograph beside the features, bytes.
 const ENCODING: usize = 128;
@@ -112,14 +116,23 @@ impl Estimator {
         &self.options
     }
 
-    /// The scales of the stages, each once, the coarsest first: a map's size is the image's divided by its
+    /// The scales of the stages, each once, the coarsest first: a map's size is the photograph's divided by its
     /// scale.
     #[must_use]
     pub fn scales(&self) -> Vec<usize> {
-        let iterations = self.options.iterations.iter().map(|iteration| iteration.scale);
-        let mut scales: Vec<usize> = [COARSE_SCALE].into_iter().chain(iterations).collect();
+        let iterations = self.iterations().into_iter().map(|iteration| iteration.scale);
+        let scales = [COARSE_SCALE].into_iter().chain(iterations);
+        let mut scales: Vec<usize> = scales.map(|scale| scale / self.network.enlarge()).collect();
         scales.dedup();
         scales
+    }
+
+    /// The iterations that are run, with scales of the photograph as the network sees it: those of the options but
+    /// for the ones that are coarser than the coarse map.
+    #[must_use]
+    pub fn iterations(&self) -> Vec<Iteration> {
+        let of = |&Iteration { scale, step }: &_| Iteration { scale: scale * self.network.enlarge(), step };
+        self.options.iterations.iter().map(of).filter(|iteration| iteration.scale <= COARSE_SCALE).collect()
     }
 
     /// The options, to change them.
@@ -136,9 +149,11 @@ impl Estimator {
     #[must_use]
     pub fn peak_bytes(&self, size: Size, views: usize, planes: usize) -> usize {
         let (widths, value) = (self.network.widths(), size_of::<f32>());
-        let cells = size.width.div_ceil(COARSE_SCALE) * size.height.div_ceil(COARSE_SCALE);
-        let features = views * cells * (widths.features * value + PHOTOGRAPHS);
-        let encoding = ENCODING * size.area();
+        let enlarge = self.network.enlarge();
+        let cells = size.width.div_ceil(COARSE_SCALE) * size.height.div_ceil(COARSE_SCALE) * enlarge.pow(2);
+        let wide = if enlarge > 1 { cells / 4 * widths.coarse } else { 0 };
+        let features = views * (cells * (widths.features * value + PHOTOGRAPHS) + wide * value);
+        let encoding = ENCODING * size.area() * enlarge.pow(2);
         let volume = widths.volume * planes * cells * value;
         let warped = widths.coarse * planes * cells * value;
         let sweep = volume + SLABS * self.options.slab_bytes.min(warped);
@@ -193,7 +208,7 @@ impl Estimator {
     ) -> Result<Vec<PlaneMap>, NetError> {
         let Coarse { map, visibility, .. } = self.coarse(reference, sources, planes, seen, profile)?;
         let mut stages = vec![self.completed(map, reference, planes, profile)?];
-        for &iteration in &self.options.iterations {
+        for iteration in self.iterations() {
             let stage = self.flow_stage(reference, sources, planes, &visibility, iteration);
             let refined = self.iterate(&stage, &stages[stages.len() - 1].u, profile)?;
             stages.push(refined);
@@ -233,7 +248,8 @@ impl Estimator {
         }
     }
 
-    /// The coarse map (sections 3.1 and 3.2). For vis-var, `seen` are visibility masks (1, 1, h, w), one a
+    /// The coarse map (sections 3.1 and 3.2). With cells of 4 pixels, costs are a mean of theirs and of those of cells of
+    /// 8, which know better where photographs are blurred or cameras rough. For vis-var, `seen` are visibility masks (1, 1, h, w), one a
     /// source view, to be used instead of the network's own.
     ///
     /// # Errors
@@ -247,14 +263,19 @@ impl Estimator {
         profile: &mut Profile,
     ) -> Result<Coarse, NetError> {
         let (network, slab) = (&self.network, self.options.slab_bytes);
-        let cost = profile.time(Stage::Sweep, || sweep(network, reference, sources, planes, seen, slab))?;
-        let visibility = cost.visibility;
-        let volume = cost.volume;
-        let (map, costs) = profile.time(Stage::Regularize, || {
-            let costs = network.regularize(&volume)?;
-            drop(volume);
-            Ok::<_, NetError>((expectation(&costs, network.manifest().window)?, costs))
-        })?;
+        let wide_masks = seen.as_ref().map(|masks| masks.iter().map(halved).collect::<Result<_, _>>());
+        let mut costs_at = |level: usize, seen: Option<Vec<Tensor>>| {
+            let CostVolume { volume, visibility } = profile
+                .time(Stage::Sweep, || sweep(network, reference, sources, planes, (seen, level), slab))?;
+            let costs = profile.time(Stage::Regularize, || network.regularize(&volume))?;
+            Ok::<_, NetError>((costs, visibility))
+        };
+        let (mut costs, visibility) = costs_at(0, seen)?;
+        if reference.coarse.len() > 1 {
+            let (wide, _) = costs_at(1, wide_masks.transpose()?)?;
+            costs = costs.f_lerp(&doubled(&wide)?, WIDE)?;
+        }
+        let map = profile.time(Stage::Regularize, || expectation(&costs, network.manifest().window))?;
         Ok(Coarse { map, costs, visibility })
     }
 
@@ -297,7 +318,7 @@ impl Estimator {
         planes: &Planes,
         stages: &[PlaneMap],
     ) -> Result<DepthMap, NetError> {
-        let scale = self.options.iterations.last().map_or(COARSE_SCALE, |iteration| iteration.scale);
+        let scale = self.iterations().last().map_or(COARSE_SCALE, |iteration| iteration.scale);
         let full = reference.camera.size;
         let size = Size::new(full.width / scale, full.height / scale);
         let last = &stages[stages.len() - 1];
@@ -318,6 +339,17 @@ impl Estimator {
             coarse_confidence: Some(coarse_confidence),
         })
     }
+}
+
+/// A mask (1, 1, h, w) at half its size.
+fn halved(mask: &Tensor) -> Result<Tensor, TchError> {
+    mask.f_avg_pool2d([2, 2], [2, 2], [0, 0], false, true, None)
+}
+
+/// Costs (1, D, h, w) at twice their size.
+fn doubled(costs: &Tensor) -> Result<Tensor, TchError> {
+    let (_, _, h, w) = costs.size4()?;
+    costs.f_upsample_bilinear2d([2 * h, 2 * w], false, None, None)
 }
 
 /// A map (h, w) in memory.

@@ -18,7 +18,7 @@ use crate::{Coarse, EncodedView, Estimator, NetError};
 /// What a region grows by, to each side, for every scale above the last: a share of its size.
 const GROWTH: f64 = 0.25;
 
-/// Image pixels around a region that are computed too, so that its border has neighbours.
+/// Pixels of the encoded image around a region that are computed too, so that its border has neighbours.
 const MARGIN: usize = 32;
 
 /// The map of a part of the image at one scale.
@@ -69,18 +69,20 @@ impl Estimator {
         let confidence = map.confidence.shallow_clone();
         let map = self.completed(map, reference, planes, profile)?;
         let image = reference.camera.size;
+        let region = region.map(|region| reference.enlarged(&region));
         let whole = PixelBox { x0: 0, y0: 0, x1: image.width, y1: image.height };
-        let (_, padded) = reference.cropped(&whole)?;
+        let (_, padded) = reference.part(&whole)?;
         let mut last = Layer { scale: COARSE_SCALE, computed: padded, shown: whole, map };
         let mut layers = Vec::new();
-        let finest = self.options().iterations.last().map_or(COARSE_SCALE, |last| last.scale);
-        for &iteration in &self.options().iterations {
+        let iterations = self.iterations();
+        let finest = iterations.last().map_or(COARSE_SCALE, |last| last.scale);
+        for &iteration in &iterations {
             let shown = match (iteration.scale, region) {
                 (COARSE_SCALE, _) => whole,
                 (scale, Some(region)) => grown(region, GROWTH * (scale / finest - 1) as f64, 0, image),
                 (_, None) => break,
             };
-            let (part, computed) = reference.cropped(&grown(shown, 0.0, MARGIN, image))?;
+            let (part, computed) = reference.part(&grown(shown, 0.0, MARGIN, image))?;
             let masks = visibility.iter().map(|mask| cut(mask, 2, computed, COARSE_SCALE));
             let masks = masks.collect::<Result<Vec<_>, NetError>>()?;
             let stage = self.flow_stage(&part, sources, planes, &masks, iteration);
@@ -116,7 +118,7 @@ impl Estimator {
         };
         let depth = to_grid(&depth_of(planes, &map.u)?.f_mul_scalar(planes.range.near)?)?;
         let confidence = to_grid(&map.confidence)?;
-        let is_last = self.options().iterations.last().is_none_or(|last| last.scale == scale);
+        let is_last = self.iterations().last().is_none_or(|last| last.scale == scale);
         let confidence = if is_last { self.calibrated(confidence) } else { confidence };
         let coarse = to_grid(&enlarge(coarse_confidence, reference.size_at(scale))?)?;
         Ok(DepthMap {

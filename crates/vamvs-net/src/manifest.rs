@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use vamvs_core::MonotoneMap;
 use vamvs_core::complete::Completion;
 
+use crate::encode::COARSE_SCALE;
 use crate::{Aggregation, NetError};
 
 /// The version of the contract between modules and this crate.
@@ -33,9 +34,13 @@ pub struct Manifest {
     /// planes, as in the paper.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window: Option<usize>,
+    /// Width of the coarse map's cells, pixels of the photograph: 8 or 4; absent: 8, as in the paper. For 4 the network
+    /// sees the photograph enlarged.
+    #[serde(default = "paper_cells", skip_serializing_if = "is_paper_cells")]
+    pub cells: usize,
     /// With how many planes the network is meant to be used; runs choose theirs from the cameras.
     pub planes: usize,
-    /// The flow iterations by default.
+    /// The flow iterations by default; those with larger pixels than the coarse map's are left out.
     pub iterations: Vec<Iteration>,
     /// How maps at 1/8 are completed where images are blank; absent: not at all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -55,6 +60,14 @@ pub struct Manifest {
     pub calibration: Option<MonotoneMap>,
 }
 
+fn paper_cells() -> usize {
+    COARSE_SCALE
+}
+
+fn is_paper_cells(cells: &usize) -> bool {
+    *cells == COARSE_SCALE
+}
+
 fn is_zero(count: &usize) -> bool {
     *count == 0
 }
@@ -63,7 +76,7 @@ fn is_zero(count: &usize) -> bool {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Iteration {
-    /// The depth map's size is the image's divided by this: 8, 4, 2 or 1.
+    /// The depth map's size is the photograph's divided by this: 8, 4, 2 or 1.
     pub scale: usize,
     /// Distance between hypotheses, in plane distances (s).
     pub step: f64,
@@ -90,6 +103,7 @@ impl Manifest {
                 manifest.neighbours, manifest.hypotheses
             )));
         }
+        check_cells(manifest.cells).map_err(|problem| wrong(format!("is not to be used: {problem}")))?;
         if let Some(window) = manifest.window.filter(|window| *window > 64) {
             return Err(wrong(format!("has a window of {window} planes: expected 0 to 64")));
         }
@@ -114,9 +128,17 @@ impl Manifest {
     }
 }
 
+/// Checks that the coarse map's cells are 8 or 4 pixels wide.
+pub(crate) fn check_cells(cells: usize) -> Result<(), String> {
+    match cells {
+        8 | 4 => Ok(()),
+        _ => Err(format!("cells of {cells} pixels are asked for: expected 8 or 4")),
+    }
+}
+
 /// Checks that scales are 8, 4, 2 or 1 and do not grow, and that steps are positive.
 pub(crate) fn check_iterations(iterations: &[Iteration]) -> Result<(), String> {
-    let mut before = crate::encode::COARSE_SCALE;
+    let mut before = COARSE_SCALE;
     for Iteration { scale, step } in iterations {
         if ![8, 4, 2, 1].contains(scale) || *scale > before {
             return Err(format!(
@@ -158,6 +180,7 @@ mod tests {
             ("vis-max", "vis-min", "vis-min"),
             ("\"scores\":{}", "\"scores\":{},\"calibration\":[[0.5,0.5],[0.4,0.9]]", "x to grow"),
             ("\"planes\":96", "\"planes\":96,\"window\":65", "window of 65"),
+            ("\"planes\":96", "\"planes\":96,\"cells\":16", "cells of 16"),
             ("\"planes\":96", "\"planes\":96,\"guide\":0", "guide of 0"),
             ("\"planes\":96", "\"planes\":96,\"completion\":{\"stiffness\":-1,\"power\":4}", "stiffness -1"),
             ("{\"contract\"", "[\"contract\"", "JSON"),

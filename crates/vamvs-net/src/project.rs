@@ -112,7 +112,7 @@ impl Projection {
         source: &EncodedView,
         near: f64,
     ) -> Result<Self, TchError> {
-        let device = source.coarse.device();
+        let device = source.flow[0].device();
         let source_from_reference = source.cam_from_world.compose(&reference.cam_from_world.inverse());
         let transfer = PixelTransfer::new(&reference.camera, &source.camera, &source_from_reference);
         // Depths are told in units of `near`, so that single precision serves any scale.

@@ -7,6 +7,7 @@ use tch::{CModule, IValue, Kind, TchError, Tensor};
 
 use crate::encode::COARSE_SCALE;
 use crate::error::Libtorch;
+use crate::manifest::check_cells;
 use crate::{Device, Manifest, NetError};
 
 /// How normalisation layers behave.
@@ -121,6 +122,20 @@ impl Network {
         let answer = self.module.method_is("set_manifest", &[IValue::String(text)]);
         answer.map_err(|source| self.failed("set_manifest", "(JSON string) → nothing", source))?;
         self.manifest = manifest;
+        Ok(())
+    }
+
+    /// Uses the network with coarse cells of another width, 8 or 4 pixels of the photograph; the module stays as
+    /// it is. The confidence with other cells than the network's own is not calibrated.
+    ///
+    /// # Errors
+    /// If the width is another one.
+    pub fn set_cells(&mut self, cells: usize) -> Result<(), NetError> {
+        check_cells(cells).map_err(NetError::Request)?;
+        if cells != self.manifest.cells {
+            self.manifest.cells = cells;
+            self.manifest.calibration = None;
+        }
         Ok(())
     }
 

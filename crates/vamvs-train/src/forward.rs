@@ -7,7 +7,7 @@
 
 use tch::Tensor;
 use vamvs_net::encode::COARSE_SCALE;
-use vamvs_net::{Estimator, Iteration, Profile};
+use vamvs_net::{Estimator, Profile};
 
 use crate::TrainError;
 use crate::sample::Sample;
@@ -49,7 +49,8 @@ pub fn forward(
     let (reference, sources) = (&views[0], views[1..].iter().collect::<Vec<_>>());
     let coarse =
         estimator.coarse(reference, &sources, &sample.planes, sample.masks(network, reference)?, profile)?;
-    let all = Lattice { scale: COARSE_SCALE, first: (0, 0) };
+    let enlarge = network.enlarge();
+    let all = Lattice { enlarge, scale: COARSE_SCALE, first: (0, 0) };
     let mut u = coarse.map.u.shallow_clone();
     let mut stages = vec![StageOutput {
         truth: all.truth(sample, &u)?,
@@ -58,10 +59,10 @@ pub fn forward(
         before: None,
         step: 1.0,
     }];
-    let iterations: &[Iteration] = if flow { &estimator.options().iterations } else { &[] };
+    let iterations = if flow { estimator.iterations() } else { Vec::new() };
     let finest = iterations.last().map_or(COARSE_SCALE, |iteration| iteration.scale);
-    for &iteration in iterations {
-        let lattice = Lattice::of(iteration.scale, finest, sample.lattice);
+    for &iteration in &iterations {
+        let lattice = Lattice { enlarge, ..Lattice::of(iteration.scale, finest, sample.lattice) };
         let stage = estimator.flow_stage(reference, &sources, &sample.planes, &coarse.visibility, iteration);
         let refined = stage.refine_lattice(lattice.first, &u, profile)?.u;
         stages.push(StageOutput {
@@ -86,6 +87,8 @@ pub fn forward(
 /// Pixels of a map at 1/scale whose coordinates are ≡ `first` modulo 8 / scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Lattice {
+    /// How many times larger the network sees the photograph.
+    enlarge: usize,
     scale: usize,
     first: (usize, usize),
 }
@@ -96,13 +99,13 @@ impl Lattice {
     fn of(scale: usize, finest: usize, choice: [f64; 2]) -> Self {
         let chosen = choice.map(|share| (share * (COARSE_SCALE / finest) as f64) as usize);
         let [x, y] = chosen.map(|first| first * finest / scale);
-        Self { scale, first: (x, y) }
+        Self { enlarge: 1, scale, first: (x, y) }
     }
 
-    /// Image coordinates of the centres of `count` of the lattice's pixels along an axis.
+    /// Coordinates in the photograph of the centres of `count` of the lattice's pixels along an axis.
     fn centres(self, first: usize, count: i64) -> Vec<f64> {
-        let step = COARSE_SCALE / self.scale;
-        (0..count as usize).map(|k| ((first + k * step) as f64 + 0.5) * self.scale as f64).collect()
+        let (step, pixel) = (COARSE_SCALE / self.scale, self.scale as f64 / self.enlarge as f64);
+        (0..count as usize).map(|k| ((first + k * step) as f64 + 0.5) * pixel).collect()
     }
 
     fn places(self, like: &Tensor) -> Result<[Vec<f64>; 2], TrainError> {
@@ -138,9 +141,10 @@ mod tests {
     }
 
     #[test]
-    fn centres_are_in_image_coordinates() {
-        let lattice = Lattice { scale: 2, first: (3, 0) };
+    fn centres_are_in_the_photographs_coordinates() {
+        let lattice = Lattice { enlarge: 1, scale: 2, first: (3, 0) };
         assert_eq!(lattice.centres(3, 2), [7.0, 15.0]);
-        assert_eq!(Lattice { scale: 8, first: (0, 0) }.centres(0, 2), [4.0, 12.0]);
+        assert_eq!(Lattice { enlarge: 1, scale: 8, first: (0, 0) }.centres(0, 2), [4.0, 12.0]);
+        assert_eq!(Lattice { enlarge: 2, scale: 8, first: (0, 0) }.centres(0, 2), [2.0, 6.0]);
     }
 }

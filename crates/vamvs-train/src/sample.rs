@@ -102,7 +102,8 @@ impl Sample {
         let size = reference.size_at(COARSE_SCALE);
         let shape = [1, 1, size.height as i64, size.width as i64];
         let like = Tensor::f_zeros(shape, (Kind::Float, network.device()))?;
-        let places = [size.width, size.height].map(|cells| centres(cells * COARSE_SCALE, COARSE_SCALE));
+        let cell = network.manifest().cells;
+        let places = [size.width, size.height].map(|cells| centres(cells * cell, cell));
         let mask = |source| match self.seen(source, &places, &like)? {
             Some(mask) => Ok(mask.f_nan_to_num(1.0, None, None)?),
             None => Err(TrainError::option("true-visibility", "scenes with visibility/", &"one without")),

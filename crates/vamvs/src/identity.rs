@@ -1,7 +1,7 @@
 //! The hash of all that makes a depth map: equal hashes, equal maps.
 
 use vamvs_core::{Scene, View};
-use vamvs_net::EstimatorOptions;
+use vamvs_net::Estimator;
 
 use crate::{Photographs, ViewPlan};
 
@@ -16,12 +16,13 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Hashes the module, the options and every photograph. One that cannot be read has a hash too: the view is
+    /// Hashes the module, how the estimator uses it, and every photograph. One that cannot be read has a hash too: the view is
     /// left out when its turn comes.
-    pub fn new(module: &[u8], options: &EstimatorOptions, scene: &Scene, photographs: &Photographs) -> Self {
+    pub fn new(module: &[u8], estimator: &Estimator, scene: &Scene, photographs: &Photographs) -> Self {
         use rayon::prelude::*;
         // Slabs and strips bound the memory and change nothing of the result.
-        let common = format!("{PIPELINE_VERSION} {} {:?}", blake3::hash(module), options.iterations);
+        let (cells, iterations) = (estimator.network().manifest().cells, &estimator.options().iterations);
+        let common = format!("{PIPELINE_VERSION} {} {cells} {iterations:?}", blake3::hash(module));
         Self { common, views: scene.views.par_iter().map(|view| hash_view(view, photographs)).collect() }
     }
 

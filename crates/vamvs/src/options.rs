@@ -15,9 +15,11 @@ pub(crate) const MIN_SIZE: usize = 64;
 pub struct DepthOptions {
     /// Longer side to which larger photographs are reduced, pixels.
     pub max_size: usize,
-    /// Smaller photographs are enlarged up to so many times, 1 to 8, but not beyond `max_size`: the coarse map's
-    /// cells of 8 pixels lose what is smaller than they are.
+    /// Smaller photographs are enlarged up to so many times, 1 to 8, but not beyond `max_size`.
     pub enlarge: f64,
+    /// Width of the coarse map's cells, pixels of a photograph: 8 or 4, which lose what is smaller than they are;
+    /// by default the network's own.
+    pub cells: Option<usize>,
     /// Views compared for a depth map, the reference included, at least 2.
     pub views: usize,
     /// Number of planes; by default from the cameras, see [`vamvs_core::Planes::fitting`].
@@ -45,6 +47,7 @@ impl Default for DepthOptions {
         Self {
             max_size: 1280,
             enlarge: 1.0,
+            cells: None,
             views: 5,
             planes: None,
             max_planes: 192,
@@ -60,12 +63,12 @@ impl Default for DepthOptions {
 
 impl DepthOptions {
     /// The same options for a quick look at a capture, whose largest photograph has `longer` pixels on its
-    /// longer side: half the usual size and two flow iterations, so that depth maps have a quarter of the usual
-    /// size. Planes that are chosen from the cameras are fewer then too. The preview of a preview is itself.
+    /// longer side: half the usual size, cells of 8 pixels and two flow iterations, so that depth maps have a quarter
+    /// of the usual size. Planes that are chosen from the cameras are fewer then too. The preview of a preview is itself.
     #[must_use]
     pub fn preview(self, longer: usize) -> Self {
         let half = (Self::default().max_size.min(longer) / 2).max(MIN_SIZE);
-        Self { max_size: self.max_size.min(half), iterations: Some(2), ..self }
+        Self { max_size: self.max_size.min(half), cells: Some(8), iterations: Some(2), ..self }
     }
 }
 

@@ -39,8 +39,7 @@ impl Photographs {
     }
 
     /// How many times larger photographs may become.
-    #[must_use]
-    pub fn enlarge(&self) -> f64 {
+    pub(crate) fn enlarge(&self) -> f64 {
         self.enlarge
     }
 

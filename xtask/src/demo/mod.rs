@@ -58,10 +58,7 @@ impl Demo {
 fn reconstruct(scene: &DemoScene, out: &Path) -> Result<vamvs::Reconstruction> {
     let (cams, images) = (scene.cams(), scene.images());
     let arguments = ["--cams".as_ref(), cams.as_os_str(), "--images".as_ref(), images.as_os_str()];
-    vamvs::reconstruct(
-        &[&arguments[..], &["--weights", "vis-max", "--force"].map(AsRef::as_ref)].concat(),
-        out,
-    )
+    vamvs::reconstruct(&[&arguments[..], &["--force".as_ref()]].concat(), out)
 }
 
 fn print_results(run: &Run, out: &Path, report: &Path) {

@@ -189,6 +189,9 @@ pub struct EvalNetworkArguments {
     /// Most planes; the range is a tenth wider than the truth's.
     #[arg(long, value_name = "N", default_value_t = 96)]
     pub max_planes: usize,
+    /// Width of the coarse map's cells, 8 or 4 pixels [default: each network's own].
+    #[arg(long, value_name = "PIXELS")]
+    pub cells: Option<usize>,
     /// Weigh views by the scenes' true visibility instead of the network's (vis-var, an experiment).
     #[arg(long)]
     pub true_visibility: bool,

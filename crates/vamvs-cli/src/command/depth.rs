@@ -1,6 +1,6 @@
 //! `vamvs depth`: photographs and cameras to depth maps.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use serde_json::json;
 use vamvs::core::Scene;
 use vamvs::depth::DepthJob;
@@ -80,7 +80,10 @@ pub fn estimate(
 /// The network with as many iterations as are wanted, or, if `preview` chose their number, at most those.
 fn estimator(settings: &Settings, preview: bool, progress: &Progress) -> Result<Estimator> {
     let device = open_device(settings.device.as_deref().unwrap_or("auto"))?;
-    let network = weights::load(settings.weights.as_deref(), device)?;
+    let mut network = weights::load(settings.weights.as_deref(), device)?;
+    if let Some(cells) = settings.depth.cells {
+        network.set_cells(cells).context("--cells")?;
+    }
     progress.say(&format!("network {} on {}", network.manifest().name, device_name(device)));
     let mut options = EstimatorOptions::of(&network);
     let available = options.iterations.len();

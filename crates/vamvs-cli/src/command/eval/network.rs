@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use serde::Serialize;
 use vamvs::eval::page::percent;
 use vamvs::net::{Estimator, EstimatorOptions, open_device};
@@ -36,7 +36,10 @@ pub fn run(arguments: &EvalNetworkArguments) -> Result<()> {
     let dataset = Dataset::open(&arguments.data)?;
     let mut all = Vec::new();
     for name in &arguments.networks {
-        let network = weights::load(Some(name), open_device(&arguments.device)?)?;
+        let mut network = weights::load(Some(name), open_device(&arguments.device)?)?;
+        if let Some(cells) = arguments.cells {
+            network.set_cells(cells).context("--cells")?;
+        }
         let options = EstimatorOptions::of(&network);
         let estimator = Estimator::new(network, options)?;
         for &views in &arguments.views {
