@@ -16,7 +16,7 @@ pub const FLOW_SCALES: [usize; 3] = [2, 4, 8];
 #[derive(Debug)]
 pub struct EncodedView {
     /// How many times larger than the photograph all that follows is.
-    enlarge: usize,
+    pub(crate) enlarge: usize,
     /// The camera of the enlarged photograph.
     pub camera: Pinhole,
     /// Its pose.

@@ -195,10 +195,11 @@ mod tests {
         let size = Size::new(317, 236);
         let feature = || Tensor::zeros([1, 1, 30, 40], CPU);
         EncodedView {
+            enlarge: 1,
             camera: Pinhole { size, intrinsics: Intrinsics { fx: 300.0, fy: 310.0, cx: 160.2, cy: 117.9 } },
             cam_from_world: Pose::look_at(&eye, &Vector3::new(0.1, 0.0, 5.0), &Vector3::new(0.0, -1.0, 0.2)),
             padded: Size::new(320, 240),
-            coarse: feature(),
+            coarse: vec![feature()],
             flow: [feature(), feature(), feature()],
             photographs: [2, 4, 8].map(|scale| Grid::filled(Size::new(320 / scale, 240 / scale), [0; 3])),
         }
@@ -228,10 +229,10 @@ mod tests {
     #[test]
     fn sampling_at_the_own_pixels_gives_the_features_at_every_stride() {
         let mut reference = view(Vector3::zeros());
-        reference.coarse = Tensor::randn([1, 2, 30, 40], CPU);
+        reference.coarse = vec![Tensor::randn([1, 2, 30, 40], CPU)];
         let grid = PixelLattice::new(8, (0, 0), 1, Size::new(40, 30)).grid(&reference, Device::Cpu).unwrap();
-        assert!(sample(&reference.coarse, &grid, Outside::Zero).unwrap().allclose(
-            &reference.coarse,
+        assert!(sample(&reference.coarse[0], &grid, Outside::Zero).unwrap().allclose(
+            &reference.coarse[0],
             1e-4,
             1e-4,
             false

@@ -81,11 +81,11 @@ fn a_preview_is_smaller_is_recorded_and_gives_way_to_flags() {
 }
 
 #[test]
-fn enlarged_photographs_give_maps_of_their_own_size_and_more_that_is_right() {
+fn enlarged_photographs_give_larger_maps_and_smaller_cells_more_that_is_right() {
     let scene = Scene::new(256, 192, 3);
     let truth = &scene.views[0].depth;
     let size_and_share = |arguments: &[&str]| {
-        expect_success(&scene.run("depth", &[&["--quiet"], arguments].concat()));
+        expect_success(&scene.run("depth", &[&["--quiet", "--weights", "photometric"], arguments].concat()));
         let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
         let step = truth.width() / map.width();
         let places = (0..map.height()).flat_map(|y| (0..map.width()).map(move |x| (x, y)));
@@ -102,13 +102,17 @@ fn enlarged_photographs_give_maps_of_their_own_size_and_more_that_is_right() {
     assert!(larger_share > share + 0.05, "{larger_share} and {share}");
     let (size, _) = size_and_share(&["--enlarge", "2", "--max-size", "320"]);
     assert_eq!(size, vamvs::core::Size::new(160, 120));
+    let (size, finer_share) = size_and_share(&["--cells", "4"]);
+    assert_eq!(size, vamvs::core::Size::new(128, 96));
+    assert!(finer_share > share + 0.05, "{finer_share} and {share}");
 }
 
 #[test]
 fn a_depth_map_that_does_not_fit_into_the_memory_becomes_smaller_and_that_is_told() {
     let scene = Scene::new(400, 300, 2);
     let size_and_words = |memory: &str| {
-        let output = scene.run("depth", &["--iterations", "0", "--planes", "16", "--max-memory", memory]);
+        let fixed = ["--cells", "8", "--iterations", "0", "--planes", "16"];
+        let output = scene.run("depth", &[&fixed[..], &["--max-memory", memory]].concat());
         expect_success(&output);
         let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
         (map.size(), stderr(&output))
