@@ -201,7 +201,8 @@ fn masks_leave_no_depth_and_a_wrong_folder_of_masks_is_an_error() {
     std::fs::create_dir_all(&masks).unwrap();
     let black_left = Grid::from_fn(Size::new(96, 64), |x, _| if x < 48 { 0_u16 } else { u16::MAX });
     image::save_png_gray16(&masks.join("0001.png"), &black_left).unwrap();
-    let masked = |x: usize| x < 6;
+    // The coarse map has cells of 4 pixels.
+    let masked = |x: usize| x < 12;
     let depth_of = |arguments: &[&str], said: bool| {
         let output = scene.run("depth", arguments);
         expect_success(&output);
