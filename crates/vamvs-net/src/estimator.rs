@@ -44,8 +44,9 @@ const PHOTOGRAPHS: usize = (16 + 4 + 1) * size_of::<Rgb>();
 /// What the sweep takes beside the volume, in slabs: warped features and the layers that relate them.
 const SLABS: usize = 6;
 
-/// What regularising takes, in volumes: the volume, and the layers at its own resolution.
-const VOLUMES: usize = 3;
+/// What regularising takes, in volumes: the volume, the one with the matcher's inputs, and the layers at its own
+/// resolution.
+const VOLUMES: usize = 4;
 
 /// What the flow takes for each point, as a multiple of its channels.
 const POINTS: usize = 4;

@@ -190,8 +190,8 @@ pub fn views(lab: &Lab) -> Result<Section> {
 pub fn fovea(lab: &Lab) -> Result<Section> {
     Ok(Section {
         title: "Figure 15: foveated depth",
-        text: "The built-in vis-max on the large scene, 5 views, 96 planes: the whole photographs, and `--fovea` with \
-               a region of interest of about 1/16 of their area. The foveated cloud has three densities.",
+        text: "The built-in vis-max with `--cells 8` on the large scene, 5 views, 96 planes: the whole photographs, and \
+               `--fovea` with a region of interest of about 1/16 of their area. The foveated cloud has three densities.",
         head: vec!["", "region", "memory", "time a map", "of it iterations", "points"],
         rows: clouds::foveated(lab)?,
     })
