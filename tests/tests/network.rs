@@ -109,7 +109,7 @@ fn of_a_volume_the_last_channels_are_means_over_the_views_and_the_others_maxima(
         let sources: Vec<_> = encoded[1..].iter().collect();
         let planes = planes(&views[0], 16);
         let volume = |sources: &[_]| {
-            sweep(&network, &encoded[0], sources, &planes, (None, 0), usize::MAX).unwrap().volume
+            sweep(&network, &encoded[0], sources, &planes, 0, None, usize::MAX).unwrap().volume
         };
         let single = Tensor::cat(&sources.iter().map(|source| volume(&[*source])).collect::<Vec<_>>(), 0);
         let split = single.size()[1] - averaged;
@@ -267,7 +267,7 @@ fn the_wide_cells_of_enlarged_photographs_are_the_cells_of_the_photographs() {
         tch::no_grad(|| {
             let encoded: Vec<_> = views.iter().map(|view| network.encode(&view.photo).unwrap()).collect();
             let sources: Vec<_> = encoded[1..].iter().collect();
-            sweep(&network, &encoded[0], &sources, &planes, (None, level), usize::MAX).unwrap().volume
+            sweep(&network, &encoded[0], &sources, &planes, level, None, usize::MAX).unwrap().volume
         })
     };
     let (wide, small) = (volume(8, 0), volume(4, 0));

@@ -281,7 +281,7 @@ fn views_can_be_weighted_by_the_true_visibility() {
     let swept = |seen| {
         let sources: Vec<_> = views[1..].iter().collect();
         let network = estimator.network();
-        tch::no_grad(|| sweep(network, &views[0], &sources, &sample.planes, (seen, 0), usize::MAX)).unwrap()
+        tch::no_grad(|| sweep(network, &views[0], &sources, &sample.planes, 0, seen, usize::MAX)).unwrap()
     };
     let (own, given) = (swept(None), swept(Some(masks)));
     assert!(given.visibility[1].equal(&left) && !own.visibility[1].equal(&left));

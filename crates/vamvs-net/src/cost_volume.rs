@@ -31,8 +31,9 @@ pub struct CostVolume {
 }
 
 /// Sweeps `planes` through the coarse features of the reference and its sources: at `level` 0 those of the network's
-/// cells, at 1 of cells twice as wide, where photographs were enlarged. A slab of warped features takes at most `slab_bytes`, or one plane if that is more. Where the aggregation weighs views, `seen` are
-/// masks to do it by, instead of the network's.
+/// cells, at 1 of cells twice as wide, where photographs were enlarged. A slab of warped features takes at most
+/// `slab_bytes`, or one plane if that is more. Where the aggregation weighs views, `seen` are masks to do it by,
+/// instead of the network's.
 ///
 /// # Errors
 /// If the module breaks its contract or memory runs out.
@@ -41,7 +42,8 @@ pub fn sweep(
     reference: &EncodedView,
     sources: &[&EncodedView],
     planes: &Planes,
-    (seen, level): (Option<Vec<Tensor>>, usize),
+    level: usize,
+    seen: Option<Vec<Tensor>>,
     slab_bytes: usize,
 ) -> Result<CostVolume, NetError> {
     let cell = COARSE_SCALE << level;

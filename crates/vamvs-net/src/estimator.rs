@@ -249,9 +249,9 @@ impl Estimator {
         }
     }
 
-    /// The coarse map (sections 3.1 and 3.2). With cells of 4 pixels, costs are a mean of theirs and of those of cells of
-    /// 8, which know better where photographs are blurred or cameras rough. For vis-var, `seen` are visibility masks (1, 1, h, w), one a
-    /// source view, to be used instead of the network's own.
+    /// The coarse map (sections 3.1 and 3.2). With cells of 4 pixels, costs are a mean of theirs and of those of
+    /// cells of 8, which know better where photographs are blurred or cameras rough. For vis-var, `seen` are
+    /// visibility masks (1, 1, h, w), one a source view, to be used instead of the network's own.
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -266,8 +266,8 @@ impl Estimator {
         let (network, slab) = (&self.network, self.options.slab_bytes);
         let wide_masks = seen.as_ref().map(|masks| masks.iter().map(halved).collect::<Result<_, _>>());
         let mut costs_at = |level: usize, seen: Option<Vec<Tensor>>| {
-            let CostVolume { volume, visibility } = profile
-                .time(Stage::Sweep, || sweep(network, reference, sources, planes, (seen, level), slab))?;
+            let swept = || sweep(network, reference, sources, planes, level, seen, slab);
+            let CostVolume { volume, visibility } = profile.time(Stage::Sweep, swept)?;
             let costs = profile.time(Stage::Regularize, || network.regularize(&volume))?;
             Ok::<_, NetError>((costs, visibility))
         };

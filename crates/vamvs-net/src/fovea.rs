@@ -1,6 +1,6 @@
 //! Foveated depth (section 4.5): the whole image coarsely, finer iterations only around and inside a region.
 //!
-//! The map at 1/8 is of the whole image, the one at the last scale of the region alone, and those between
+//! The coarse map is of the whole image, the one at the last scale of the region alone, and those between
 //! of the region grown by a share of its size: a cloud of several densities, at the cost of the region.
 
 use tch::Tensor;
@@ -35,7 +35,7 @@ impl Estimator {
     /// The depth of `reference` with all iterations inside `region` (image pixels), and fewer outside: one
     /// depth map for each resolution, the coarsest first and the last of the size of
     /// [`Estimator::estimate`]'s. Each has depth only where no finer one has, so together they show every
-    /// part of the image once. Without a region there is the map at 1/8 alone.
+    /// part of the image once. Without a region there is the coarse map alone.
     ///
     /// # Errors
     /// As [`Estimator::estimate`], and if the region is outside of the image.

@@ -16,8 +16,8 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Hashes the module, how the estimator uses it, and every photograph. One that cannot be read has a hash too: the view is
-    /// left out when its turn comes.
+    /// Hashes the module, how the estimator uses it, and every photograph. One that cannot be read has a hash too:
+    /// the view is left out when its turn comes.
     pub fn new(module: &[u8], estimator: &Estimator, scene: &Scene, photographs: &Photographs) -> Self {
         use rayon::prelude::*;
         // Slabs and strips bound the memory and change nothing of the result.

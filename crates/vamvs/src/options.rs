@@ -64,7 +64,8 @@ impl Default for DepthOptions {
 impl DepthOptions {
     /// The same options for a quick look at a capture, whose largest photograph has `longer` pixels on its
     /// longer side: half the usual size, cells of 8 pixels and two flow iterations, so that depth maps have a quarter
-    /// of the usual size. Planes that are chosen from the cameras are fewer then too. The preview of a preview is itself.
+    /// of the usual size. Planes that are chosen from the cameras are fewer then too. The preview of a preview is
+    /// itself.
     #[must_use]
     pub fn preview(self, longer: usize) -> Self {
         let half = (Self::default().max_size.min(longer) / 2).max(MIN_SIZE);
