@@ -24,6 +24,7 @@ STEPS = (1.0, 0.75, 0.15)  # between hypotheses in the three flow iterations, pl
 POSITION_CHANNELS = 24  # x, y, z, repeated 8 times
 FLOW_CHANNELS = (16, 32, 64)
 CHUNK = 4096  # points whose neighbours are gathered at once, so that they stay in the cache
+PAIRS = 8192  # pairs that go through a shared MLP at once, likewise
 
 
 class ImageNet(nn.Module):
@@ -42,10 +43,11 @@ class ImageNet(nn.Module):
         # Each photograph to zero mean and unit deviation, as the authors do.
         mean = images.mean(dim=(1, 2, 3), keepdim=True)
         deviation = images.std(dim=(1, 2, 3), keepdim=True)
-        half = self.level1(self.level0((images - mean) / (deviation + 1e-3)))
+        images = ((images - mean) / (deviation + 1e-3)).contiguous(memory_format=torch.channels_last)
+        half = self.level1(self.level0(images))
         quarter = self.level2(half)
         eighth = self.last(self.level3(quarter))
-        return half, quarter, eighth
+        return half.contiguous(), quarter.contiguous(), eighth.contiguous()
 
 
 class VolumeNet(nn.Module):
@@ -149,6 +151,7 @@ class FlowNet(nn.Module):
     def __init__(self, channels: int, norm: str, thin: int) -> None:
         super().__init__()
         a, b, c = 16 // thin, 32 // thin, 64 // thin
+        self.chunk = PAIRS
         self.edge1 = EdgeConv(channels, b, False, norm)
         self.edge2 = EdgeConv(b, b, True, norm)
         self.edge3 = EdgeConv(c, c, True, norm)
@@ -159,6 +162,15 @@ class FlowNet(nn.Module):
         first = self.edge1(features, neighbours)
         second = self.edge2(first, neighbours)
         third = self.edge3(second, neighbours)
+        if self.training or features.requires_grad or features.is_cuda:
+            return self.scores(first, second, third)
+        out = torch.empty(features.shape[0], dtype=features.dtype)
+        for start in range(0, features.shape[0], self.chunk):
+            end = start + self.chunk
+            out[start:end] = self.scores(first[start:end], second[start:end], third[start:end])
+        return out
+
+    def scores(self, first: Tensor, second: Tensor, third: Tensor) -> Tensor:
         joined = torch.cat((first, second, third), dim=1)  # (P, 32 + 64 + 128)
         return torch.mm(self.last.weight[:, :, 0], self.mlp(joined.t()))[0]
 
@@ -169,12 +181,26 @@ class PairMlp(nn.Module):
     def __init__(self, c_a: int, c_b: int, channels: tuple[int, int, int], norm: str) -> None:
         super().__init__()
         first, second, last = channels
+        self.last = last
+        self.chunk = PAIRS
         self.pair = Pair1d(c_a, c_b, first, norm)
         self.rest = nn.Sequential(Conv1d(first, second, norm), Conv1d(second, last, norm))
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
+        if self.training or b.requires_grad or b.is_cuda:
+            return self.relate(a[0], b)
+        views, _, p = b.shape
+        out = torch.empty((views, self.last, p), dtype=b.dtype, device=b.device)
+        step = max(1, self.chunk // views)
+        for start in range(0, p, step):
+            end = min(start + step, p)
+            out[:, :, start:end] = self.relate(a[0, :, start:end], b[:, :, start:end])
+        return out
+
+    def relate(self, a: Tensor, b: Tensor) -> Tensor:
+        """All points at once: a (A, P), b (B, C, P) → (B, C', P)."""
         views, c, p = b.shape
-        related = self.rest(self.pair(a[0], b.transpose(0, 1).reshape(c, views * p)))
+        related = self.rest(self.pair(a, b.transpose(0, 1).reshape(c, views * p)))
         return related.view(-1, views, p).transpose(0, 1)
 
 

@@ -333,6 +333,9 @@ pub struct DepthFlags {
     /// takes four times the time [default: 1].
     #[arg(long, value_name = "TIMES")]
     pub enlarge: Option<f64>,
+    /// Pixels with red, green and blue all below LEVEL, of 255, count as masked: a black backdrop [default: 0, none].
+    #[arg(long, value_name = "LEVEL")]
+    pub min_brightness: Option<u8>,
     /// Width of the first, coarse map's cells: 8 pixels of the photograph, or 4, which see thin things and keep
     /// edges, but take four times the time [default: the network's, 4 for vis-max, 8 for photometric].
     #[arg(long, value_name = "PIXELS")]

@@ -2,6 +2,8 @@
 
 mod arguments;
 mod command;
+#[cfg(feature = "net")]
+mod heap;
 mod interrupt;
 mod progress;
 mod settings;

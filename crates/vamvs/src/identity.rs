@@ -29,7 +29,8 @@ impl Identity {
     /// The hash of what makes the depth map of `view` by `plan`, of photographs of the size that `photographs` have.
     pub fn of(&self, view: usize, plan: &ViewPlan, photographs: &Photographs) -> String {
         let mut hasher = blake3::Hasher::new();
-        let sized = format!("{} {} {}", self.common, photographs.max_size(), photographs.enlarge());
+        let (max_size, enlarge) = (photographs.max_size(), photographs.enlarge());
+        let sized = format!("{} {max_size} {enlarge} {}", self.common, photographs.min_brightness());
         hasher.update(sized.as_bytes());
         hasher.update(format!("{:?} {:?} {}", plan.planes, plan.region, plan.foveated).as_bytes());
         for view in std::iter::once(view).chain(plan.sources.iter().copied()) {

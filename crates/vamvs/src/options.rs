@@ -17,6 +17,8 @@ pub struct DepthOptions {
     pub max_size: usize,
     /// Smaller photographs are enlarged up to so many times, 1 to 8, but not beyond `max_size`.
     pub enlarge: f64,
+    /// Pixels all of whose channels are darker, grey values, count as masked: a black backdrop. 0: none.
+    pub min_brightness: u8,
     /// Width of the coarse map's cells, pixels of a photograph: 8 or 4, which lose what is smaller than they are;
     /// by default the network's own.
     pub cells: Option<usize>,
@@ -47,6 +49,7 @@ impl Default for DepthOptions {
         Self {
             max_size: 1280,
             enlarge: 1.0,
+            min_brightness: 0,
             cells: None,
             views: 5,
             planes: None,

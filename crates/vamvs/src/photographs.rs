@@ -16,14 +16,15 @@ pub struct Photographs {
     masks: Masks,
     max_size: usize,
     enlarge: f64,
+    min_brightness: u8,
 }
 
 impl Photographs {
     /// Photographs in `images`, with their masks (0 = ignore), at the size that the options ask for.
     #[must_use]
     pub fn new(images: &Path, masks: Masks, options: &DepthOptions) -> Self {
-        let DepthOptions { max_size, enlarge, .. } = *options;
-        Self { images: images.to_owned(), masks, max_size, enlarge }
+        let DepthOptions { max_size, enlarge, min_brightness, .. } = *options;
+        Self { images: images.to_owned(), masks, max_size, enlarge, min_brightness }
     }
 
     /// The same photographs, reduced to `max_size` pixels on the longer side.
@@ -41,6 +42,11 @@ impl Photographs {
     /// How many times larger photographs may become.
     pub(crate) fn enlarge(&self) -> f64 {
         self.enlarge
+    }
+
+    /// Grey values below which a pixel is backdrop.
+    pub(crate) fn min_brightness(&self) -> u8 {
+        self.min_brightness
     }
 
     /// The folder of photographs.
@@ -73,8 +79,8 @@ impl Photographs {
         Undistortion::new(camera).pinhole().resized(self.working_size(camera.size))
     }
 
-    /// Reads, undistorts and resizes a view's photograph, with its mask: file, alpha channel and what
-    /// undistortion leaves empty together. The second value is a note for the user.
+    /// Reads, undistorts and resizes a view's photograph, with its mask: file, alpha channel, what undistortion
+    /// leaves empty and what is too dark together. The second value is a note for the user.
     ///
     /// # Errors
     /// If a file cannot be read or its size contradicts the camera's.
@@ -88,11 +94,13 @@ impl Photographs {
         let undistortion = Undistortion::new(&camera);
         let mask = undistortion.mask(mask.as_ref());
         let size = self.working_size(camera.size);
+        let image = resized(undistortion.image(&loaded.rgb), size);
+        let bright = (self.min_brightness > 0).then(|| bright(&image, self.min_brightness));
         let photo = Photo {
             camera: undistortion.pinhole().resized(size),
             cam_from_world: view.cam_from_world,
-            image: resized(undistortion.image(&loaded.rgb), size),
-            mask: mask.map(|mask| mask.resized_nearest(size)),
+            mask: both(mask.map(|mask| mask.resized_nearest(size)), bright),
+            image,
         };
         Ok((photo, loaded.note.map(|note| format!("{}: {note}", view.name))))
     }
@@ -113,6 +121,11 @@ pub fn working_cameras(photographs: &Photographs, scene: &Scene) -> Vec<Pinhole>
 
 fn resized(image: Grid<vamvs_core::Rgb>, size: Size) -> Grid<vamvs_core::Rgb> {
     if image.size() == size { image } else { image::resize(&image, size) }
+}
+
+/// Pixels of which some channel has at least `least`.
+fn bright(image: &Grid<vamvs_core::Rgb>, least: u8) -> Grid<bool> {
+    image.map(|rgb| rgb.iter().any(|&channel| channel >= least))
 }
 
 fn both(a: Option<Grid<bool>>, b: Option<Grid<bool>>) -> Option<Grid<bool>> {

@@ -10,6 +10,7 @@ use vamvs::net::{Estimator, EstimatorOptions, Stage};
 use vamvs::{DepthSummary, OutputFolder, Photographs, Plan, ViewPlan, weights};
 
 use crate::arguments::DepthArguments;
+use crate::heap::KeptBlocks;
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::timing::Timing;
@@ -43,6 +44,7 @@ pub fn estimate(
     progress: &Progress,
 ) -> Result<DepthSummary> {
     settings.use_threads()?;
+    let _blocks = KeptBlocks::begin();
     let input = settings.input.scene()?;
     let loaded = input.load()?;
     loaded.warnings.iter().for_each(|warning| progress.warn(warning));

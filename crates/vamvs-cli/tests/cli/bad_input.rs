@@ -219,6 +219,25 @@ fn masks_leave_no_depth_and_a_wrong_folder_of_masks_is_an_error() {
 }
 
 #[test]
+fn a_black_backdrop_has_no_depth_if_that_is_asked_for() {
+    let scene = small();
+    let photograph = scene.path("images/0001.png");
+    let lit = image::load_rgb(&photograph).unwrap();
+    let dark = |x: usize| x < 48;
+    let before_black =
+        Grid::from_fn(lit.size(), |x, y| if dark(x) { [9, 3, 15] } else { lit[(x, y)].map(|c| c.max(16)) });
+    image::save_png_rgb(&photograph, &before_black).unwrap();
+    let depth_of = |arguments: &[&str]| {
+        expect_success(&scene.run("depth", &[&["--iterations", "0", "--planes", "16"], arguments].concat()));
+        vamvs::io::pfm::read_depth(&scene.out().join("depths/0001.pfm")).unwrap().row(3).to_vec()
+    };
+    assert!(depth_of(&[]).iter().all(|depth| *depth > 0.0));
+    let depth = depth_of(&["--min-brightness", "16"]);
+    // The coarse map has cells of 4 pixels.
+    assert!(depth.iter().enumerate().all(|(x, depth)| (*depth == 0.0) == dark(4 * x)), "{depth:?}");
+}
+
+#[test]
 fn weights_that_are_no_module_are_named() {
     let scene = small();
     let weights = scene.path("weights.pt");

@@ -14,6 +14,7 @@ use vamvs_train::{Dataset, Scores, Validation, validate};
 use super::begin;
 use super::table::Table;
 use crate::arguments::EvalNetworkArguments;
+use crate::heap::KeptBlocks;
 
 /// What a network came to with a number of views.
 #[derive(Serialize)]
@@ -28,6 +29,7 @@ struct Measured {
 /// Runs the command.
 pub fn run(arguments: &EvalNetworkArguments) -> Result<()> {
     begin(&arguments.general)?;
+    let _blocks = KeptBlocks::begin();
     for &views in &arguments.views {
         ensure!(views >= 2, "--views must be 2 at least (a reference and a source), got {views}");
     }
