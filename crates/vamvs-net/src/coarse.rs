@@ -30,6 +30,17 @@ pub fn expectation(costs: &Tensor, window: Option<usize>) -> Result<PlaneMap, Tc
     }
 }
 
+/// Costs of small cells (1, D, h, w) with those of cells twice as wide, (1, D, h/2, w/2), where they leave the depth
+/// open: p of theirs and 1 − p of the wide ones', p being the confidence that the small ones have.
+///
+/// # Errors
+/// If memory runs out.
+pub(crate) fn where_unsure(small: &Tensor, wide: &Tensor, window: Option<usize>) -> Result<Tensor, TchError> {
+    let (_, _, h, w) = small.size4()?;
+    let unsure = expectation(small, window)?.confidence.f_rsub_scalar(1.0)?;
+    small.f_lerp_tensor(&wide.f_upsample_bilinear2d([h, w], false, None, None)?, &unsure)
+}
+
 /// Expectation over dimension 0 in steps of that dimension, and the probability of the two entries
 /// around it: (D, …) → (…).
 ///
@@ -73,6 +84,23 @@ fn beside(probability: &Tensor, u: &Tensor) -> Result<Tensor, TchError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn small_cells_that_are_sure_decide_and_others_leave_it_to_wide_ones() {
+        let options = (Kind::Float, tch::Device::Cpu);
+        // In the left column the small cells are sure of plane 3, in the right one they know nothing of ten planes:
+        // the two likeliest have a fifth of the probability.
+        let small = Tensor::zeros([1, 10, 4, 2], options);
+        let _ = small.narrow(3, 0, 1).fill_(40.0);
+        let _ = small.narrow(3, 0, 1).narrow(1, 3, 1).fill_(0.0);
+        let wide = Tensor::full([1, 10, 2, 1], 40.0, options);
+        let _ = wide.narrow(1, 7, 1).fill_(0.0);
+        let costs = where_unsure(&small, &wide, Some(2)).unwrap();
+        assert!(costs.narrow(3, 0, 1).allclose(&small.narrow(3, 0, 1), 1e-5, 1e-4, false));
+        let right = costs.narrow(3, 1, 1);
+        assert!((right.narrow(1, 7, 1).max().double_value(&[])).abs() < 1e-5);
+        assert!((right.narrow(1, 2, 1) - 0.8 * 40.0).abs().max().double_value(&[]) < 1e-4);
+    }
 
     #[test]
     fn a_sharp_cost_gives_its_plane_with_full_confidence() {

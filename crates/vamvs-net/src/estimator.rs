@@ -5,7 +5,7 @@ use tch::{TchError, Tensor};
 use vamvs_core::complete::Completion;
 use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Size};
 
-use crate::coarse::{PlaneMap, expectation};
+use crate::coarse::{PlaneMap, expectation, where_unsure};
 use crate::cost_volume::{CostVolume, sweep};
 use crate::encode::COARSE_SCALE;
 use crate::manifest::check_iterations;
@@ -31,9 +31,6 @@ pub struct EstimatorOptions {
     /// Points refined at once, hypotheses included.
     pub strip_points: usize,
 }
-
-/// The share of cells of 8 pixels in the costs where there are those of 4 too.
-const WIDE: f64 = 0.4;
 
 /// What encoding takes for each pixel of a photograph beside the features, bytes.
 const ENCODING: usize = 128;
@@ -249,9 +246,10 @@ impl Estimator {
         }
     }
 
-    /// The coarse map (sections 3.1 and 3.2). With cells of 4 pixels, costs are a mean of theirs and of those of
-    /// cells of 8, which know better where photographs are blurred or cameras rough. For vis-var, `seen` are
-    /// visibility masks (1, 1, h, w), one a source view, to be used instead of the network's own.
+    /// The coarse map (sections 3.1 and 3.2). With cells of 4 pixels, costs are a mean of theirs, which count as much
+    /// as they are confident, and of those of cells of 8, which know better where photographs are blurred or cameras
+    /// rough. For vis-var, `seen` are visibility masks (1, 1, h, w), one a source view, to be used instead of the
+    /// network's own.
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -274,7 +272,7 @@ impl Estimator {
         let (mut costs, visibility) = costs_at(0, seen)?;
         if reference.coarse.len() > 1 {
             let (wide, _) = costs_at(1, wide_masks.transpose()?)?;
-            costs = costs.f_lerp(&doubled(&wide)?, WIDE)?;
+            costs = where_unsure(&costs, &wide, network.manifest().window)?;
         }
         let map = profile.time(Stage::Regularize, || expectation(&costs, network.manifest().window))?;
         Ok(Coarse { map, costs, visibility })
@@ -345,12 +343,6 @@ impl Estimator {
 /// A mask (1, 1, h, w) at half its size.
 fn halved(mask: &Tensor) -> Result<Tensor, TchError> {
     mask.f_avg_pool2d([2, 2], [2, 2], [0, 0], false, true, None)
-}
-
-/// Costs (1, D, h, w) at twice their size.
-fn doubled(costs: &Tensor) -> Result<Tensor, TchError> {
-    let (_, _, h, w) = costs.size4()?;
-    costs.f_upsample_bilinear2d([2 * h, 2 * w], false, None, None)
 }
 
 /// A map (h, w) in memory.

@@ -6,7 +6,7 @@ use vamvs_net::Estimator;
 use crate::{Photographs, ViewPlan};
 
 /// Changes whenever the same inputs give other depth maps.
-const PIPELINE_VERSION: u32 = 2;
+const PIPELINE_VERSION: u32 = 3;
 
 /// Hashes what makes each view's depth map.
 pub struct Identity {
