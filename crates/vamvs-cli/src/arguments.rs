@@ -315,14 +315,14 @@ pub enum Spacing {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Depth")]
 pub struct DepthFlags {
-    /// The network: vis-max (trained) or photometric (made by hand, a tenth of the time), which are built in, or a
+    /// The network: vis-max (trained) or photometric (made by hand, an eighth of the time), which are built in, or a
     /// TorchScript module [default: vis-max].
     #[arg(long, value_name = "NAME|FILE.pt")]
     pub weights: Option<PathBuf>,
     /// auto, cpu, cuda or cuda:N [default: auto].
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
-    /// A quick look at a capture, in about a twentieth of the time: photographs of half their size, 640 pixels at
+    /// A quick look at a capture, in about a fifteenth of the time: photographs of half their size, 640 pixels at
     /// most, --cells 8 and --iterations 2, each of which may still be given.
     #[arg(long)]
     pub preview: bool,
@@ -337,7 +337,7 @@ pub struct DepthFlags {
     #[arg(long, value_name = "LEVEL")]
     pub min_brightness: Option<u8>,
     /// Width of the first, coarse map's cells: 8 pixels of the photograph, or 4, which see thin things and keep
-    /// edges, but take four times the time [default: the network's, 4 for vis-max, 8 for photometric].
+    /// edges, but take three times the time [default: the network's, 4 for vis-max, 8 for photometric].
     #[arg(long, value_name = "PIXELS")]
     pub cells: Option<usize>,
     /// Views compared for a depth map, the reference included [default: 5].
