@@ -40,11 +40,13 @@ impl Photographs {
     }
 
     /// How many times larger photographs may become.
+    #[cfg(feature = "net")]
     pub(crate) fn enlarge(&self) -> f64 {
         self.enlarge
     }
 
     /// Grey values below which a pixel is backdrop.
+    #[cfg(feature = "net")]
     pub(crate) fn min_brightness(&self) -> u8 {
         self.min_brightness
     }
