@@ -24,7 +24,7 @@ STEPS = (1.0, 0.75, 0.15)  # between hypotheses in the three flow iterations, pl
 POSITION_CHANNELS = 24  # x, y, z, repeated 8 times
 FLOW_CHANNELS = (16, 32, 64)
 CHUNK = 4096  # points whose neighbours are gathered at once, so that they stay in the cache
-PAIRS = 8192  # pairs that go through a shared MLP at once, likewise
+PAIRS = 8192  # pairs, or points, that go through a shared MLP at once, likewise
 
 
 class ImageNet(nn.Module):

@@ -66,10 +66,16 @@ enum Kind {
 }
 
 /// The box around the dinosaur, by the benchmark's readme; what is behind it is black.
-#[rustfmt::skip]
 const DINO: &[&str] = &[
-    "--roi", "-0.061897", "-0.018874", "-0.057845", "0.010897", "0.068227", "0.015495",
-    "--min-brightness", "20",
+    "--roi",
+    "-0.061897",
+    "-0.018874",
+    "-0.057845",
+    "0.010897",
+    "0.068227",
+    "0.015495",
+    "--min-brightness",
+    "20",
 ];
 
 /// The sensor's nominal range, metres: the cameras alone tell 1.3 to 20, which misses all that is near,

@@ -1,7 +1,7 @@
 //! How the heap of glibc treats the large blocks of tensors.
 //!
 //! A network makes and drops tensors of many megabytes by the thousand. By default glibc asks the kernel for each of
-//! them, which clears all their pages, and gives them back: a seventh of the time of a depth map. Elsewhere than with
+//! them, which clears all their pages, and gives them back: about a tenth of the time of a depth map. Elsewhere than with
 //! glibc nothing is changed.
 
 /// While this lives, freed blocks of any size stay with the process, for the next that want them; at its end what is
