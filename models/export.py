@@ -28,6 +28,11 @@ def copy_common(weights: dict[str, Tensor], module: nn.Module) -> None:
     print(f"{taken} of {len(own)} tensors are taken over")
 
 
+def flow(weights: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Those of the flow, which shares none with the coarse part."""
+    return {name: value for name, value in weights.items() if name.split(".")[0] in ("flow_images", "pair_flow", "flow_net")}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("network", choices=("photometric", *AGGREGATIONS))
@@ -56,8 +61,10 @@ def main() -> None:
     parser.add_argument(
         "--steps", type=float, nargs=3, default=STEPS, help="between hypotheses at 1/8, 1/4, 1/2, plane distances"
     )
+    parser.add_argument("--flow-sources", type=int, metavar="N", help="the flow looks at the best so many source views")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
     parser.add_argument("--like", metavar="FILE.pt", help="start from the weights of this network in all layers that both have")
+    parser.add_argument("--flow-like", metavar="FILE.pt", help="the flow's weights of this one instead")
     arguments = parser.parse_args()
     torch.manual_seed(arguments.seed)
     if arguments.network == "photometric":
@@ -77,10 +84,13 @@ def main() -> None:
             arguments.guide,
             arguments.cells,
             tuple(arguments.steps),
+            arguments.flow_sources,
         )
     if arguments.like is not None:
         other = torch.jit.load(arguments.like)
         copy_common(other.state_dict(), module)
+        if arguments.flow_like is not None:
+            copy_common(flow(torch.jit.load(arguments.flow_like).state_dict()), module)
         about = json.loads(module.manifest())
         about["trained_on"] = json.loads(other.manifest())["trained_on"]
         module.set_manifest(json.dumps(about))

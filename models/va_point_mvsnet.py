@@ -215,8 +215,8 @@ class VaPointMvsNet(nn.Module):
 
     The last options go beyond the paper. `matched`: the volume's regularisation is also given what the hand-made
     matcher finds, and what the network says is added to the matcher's own costs; so it learns where the matcher
-    is wrong, from far fewer samples. `window`, `completion`, `guide`, `cells`: what the manifest asks of the stages
-    around the network, see README.md beside this file.
+    is wrong, from far fewer samples. `window`, `completion`, `guide`, `cells`, `flow_sources`: what the manifest asks of
+    the stages around the network, see README.md beside this file.
     """
 
     pairwise: Final[bool]  # vis-avg, vis-max: views are related to the reference one by one
@@ -239,6 +239,7 @@ class VaPointMvsNet(nn.Module):
         guide: Optional[float] = None,
         cells: int = 8,
         steps: tuple[float, float, float] = STEPS,
+        flow_sources: Optional[int] = None,
     ) -> None:
         super().__init__()
         if aggregation not in AGGREGATIONS:
@@ -272,6 +273,8 @@ class VaPointMvsNet(nn.Module):
             about["guide"] = guide
         if cells != 8:
             about["cells"] = cells
+        if flow_sources is not None:
+            about["flow_sources"] = flow_sources
         self.about = json.dumps(about)
         flow_in = sum(FLOW_CHANNELS) // thin
         wide, out = 128 // thin, 64 // thin

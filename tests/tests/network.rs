@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+use std::num::NonZeroUsize;
+
 use nalgebra::{Rotation3, Vector3};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, DepthRange, Photo, Planes, Pose, Size, Spacing};
@@ -95,6 +97,30 @@ fn the_order_of_source_views_does_not_matter() {
         let (a, b) = (in_order([0, 1, 2, 3]), in_order([0, 3, 1, 2]));
         assert!(agreement(&a, &b, 1.0, 1e-4) > 0.999, "{name}: {}", agreement(&a, &b, 1.0, 1e-4));
     }
+}
+
+#[test]
+fn a_network_that_asks_for_it_looks_at_the_first_sources_alone_in_its_flow() {
+    let views = fixtures::still_life(Size::new(96, 64), 4);
+    let mut estimator = estimator("vis-max");
+    let mut manifest = estimator.network().manifest().clone();
+    manifest.flow_sources = NonZeroUsize::new(2);
+    let planes = planes(&views[0], 16);
+    let flow = |estimator: &Estimator, sources: &[usize]| {
+        tch::no_grad(|| {
+            let encode = |view: &Rendered| estimator.network().encode(&view.photo).unwrap();
+            let encoded: Vec<_> = views.iter().map(encode).collect();
+            let sources: Vec<_> = sources.iter().map(|&source| &encoded[source]).collect();
+            let iteration = estimator.iterations()[0];
+            let stage = estimator.flow_stage(&encoded[0], &sources, &planes, &[], iteration);
+            let before = Tensor::full([8, 12], 7.0, (Kind::Float, Device::Cpu));
+            stage.refine(&before, &mut Profile::default()).unwrap().u
+        })
+    };
+    let [all, two] = [&[1, 2, 3][..], &[1, 2]].map(|sources| flow(&estimator, sources));
+    assert!(!all.equal(&two), "the third source matters");
+    estimator.network_mut().set_manifest(manifest).unwrap();
+    assert!(flow(&estimator, &[1, 2, 3]).equal(&two));
 }
 
 /// What the shipped vis-max averages, and what it takes the largest of.

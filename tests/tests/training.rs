@@ -192,6 +192,26 @@ fn a_short_run_lowers_its_loss_by_a_quarter() {
 }
 
 #[test]
+fn the_flow_alone_learns_without_a_change_of_coarse_weights() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = job(folder.path(), "out", 3);
+    (job.options.coarse_steps, job.options.freeze_norm_after, job.options.flow_alone) = (0, 0, true);
+    let coarse = |name: &str| {
+        ["coarse_images", "pair_visibility", "visibility_head", "volume"]
+            .iter()
+            .any(|part| name.starts_with(part))
+    };
+    let before = network("vis-var").parameters().unwrap();
+    let after = train(&job, network("vis-var"), &mut |_| ()).unwrap().parameters().unwrap();
+    for ((name, before), (_, after)) in before.iter().zip(&after) {
+        assert_eq!(before.equal(after), coarse(name), "{name}");
+    }
+    job.options.coarse_steps = 1;
+    let error = train(&job, network("vis-var"), &mut |_| ()).err().unwrap().to_string();
+    assert!(error.contains("coarse-steps"), "{error}");
+}
+
+#[test]
 fn an_interrupted_run_ends_with_the_weights_of_an_undisturbed_one() {
     let folder = tempfile::tempdir().unwrap();
     let undisturbed = train(&job(folder.path(), "a", 8), network("vis-var"), &mut |_| ()).unwrap();

@@ -1,5 +1,7 @@
 //! From a reference view and its sources to a depth map.
 
+use std::num::NonZeroUsize;
+
 use serde::{Deserialize, Serialize};
 use tch::{TchError, Tensor};
 use vamvs_core::complete::Completion;
@@ -278,7 +280,8 @@ impl Estimator {
         Ok(Coarse { map, costs, visibility })
     }
 
-    /// One flow iteration (sections 3.3 and 3.4), with the masks of the coarse stage.
+    /// One flow iteration (sections 3.3 and 3.4), with the masks of the coarse stage. If the network asks for it, only
+    /// the first sources are looked at.
     #[must_use]
     pub fn flow_stage<'a>(
         &'a self,
@@ -289,6 +292,8 @@ impl Estimator {
         iteration: Iteration,
     ) -> FlowStage<'a> {
         let strip_rows = self.strip_rows(reference);
+        let most = self.network.manifest().flow_sources.map_or(sources.len(), NonZeroUsize::get);
+        let sources = &sources[..sources.len().min(most)];
         FlowStage { network: &self.network, reference, sources, planes, visibility, iteration, strip_rows }
     }
 

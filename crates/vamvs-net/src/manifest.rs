@@ -1,5 +1,7 @@
 //! What a module says of itself.
 
+use std::num::NonZeroUsize;
+
 use serde::{Deserialize, Serialize};
 use vamvs_core::MonotoneMap;
 use vamvs_core::complete::Completion;
@@ -49,6 +51,9 @@ pub struct Manifest {
     /// absent: to the nearest pixel.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub guide: Option<f32>,
+    /// The flow looks at so many of the source views, those that are given first; absent: at all, as in the paper.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flow_sources: Option<NonZeroUsize>,
     /// The licence of the weights.
     pub licence: String,
     /// What the weights were trained on.
@@ -182,6 +187,7 @@ mod tests {
             ("\"planes\":96", "\"planes\":96,\"window\":65", "window of 65"),
             ("\"planes\":96", "\"planes\":96,\"cells\":16", "cells of 16"),
             ("\"planes\":96", "\"planes\":96,\"guide\":0", "guide of 0"),
+            ("\"planes\":96", "\"planes\":96,\"flow_sources\":0", "nonzero"),
             ("\"planes\":96", "\"planes\":96,\"completion\":{\"stiffness\":-1,\"power\":4}", "stiffness -1"),
             ("{\"contract\"", "[\"contract\"", "JSON"),
         ] {

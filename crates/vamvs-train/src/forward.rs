@@ -34,21 +34,33 @@ pub struct Output {
     pub visibility: Vec<(Tensor, Tensor)>,
 }
 
-/// Runs the coarse stage, and the flow iterations too if `flow`.
+/// Which stages are run, and which of them learn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Learning {
+    /// The coarse stage, without the flow.
+    Coarse,
+    /// The flow, on coarse maps as they are.
+    Flow,
+    /// Both.
+    All,
+}
+
+/// Runs the coarse stage, and the flow iterations too unless it learns alone.
 ///
 /// # Errors
 /// If the module breaks its contract, a file is wrong, or memory runs out.
 pub fn forward(
     estimator: &Estimator,
     sample: &Sample,
-    flow: bool,
+    learning: Learning,
     profile: &mut Profile,
 ) -> Result<Output, TrainError> {
     let network = estimator.network();
     let views = sample.encode(network)?;
     let (reference, sources) = (&views[0], views[1..].iter().collect::<Vec<_>>());
-    let coarse =
-        estimator.coarse(reference, &sources, &sample.planes, sample.masks(network, reference)?, profile)?;
+    let seen = sample.masks(network, reference)?;
+    let coarse = || estimator.coarse(reference, &sources, &sample.planes, seen, profile);
+    let coarse = if learning == Learning::Flow { tch::no_grad(coarse)? } else { coarse()? };
     let enlarge = network.enlarge();
     let all = Lattice { enlarge, scale: COARSE_SCALE, first: (0, 0) };
     let mut u = coarse.map.u.shallow_clone();
@@ -59,7 +71,7 @@ pub fn forward(
         before: None,
         step: 1.0,
     }];
-    let iterations = if flow { estimator.iterations() } else { Vec::new() };
+    let iterations = if learning == Learning::Coarse { Vec::new() } else { estimator.iterations() };
     let finest = iterations.last().map_or(COARSE_SCALE, |iteration| iteration.scale);
     for &iteration in &iterations {
         let lattice = Lattice { enlarge, ..Lattice::of(iteration.scale, finest, sample.lattice) };

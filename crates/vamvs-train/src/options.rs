@@ -14,6 +14,9 @@ pub struct TrainOptions {
     pub steps: usize,
     /// Of these, steps at the beginning that train the coarse part alone (section 4.2.2).
     pub coarse_steps: usize,
+    /// Whether the flow alone learns, on coarse maps as the network makes them: `coarse_steps` and
+    /// `freeze_norm_after` are 0 then.
+    pub flow_alone: bool,
     /// Steps after which normalisation layers keep their running statistics, as when the network is used.
     pub freeze_norm_after: usize,
     /// Samples a step, their gradients accumulated.
@@ -150,6 +153,7 @@ impl TrainOptions {
             seed: 0,
             steps,
             coarse_steps: steps / 10,
+            flow_alone: false,
             freeze_norm_after: steps / 2,
             batch: 2,
             sample: SampleOptions::default(),
@@ -205,6 +209,13 @@ impl TrainOptions {
         };
         at_least("steps", self.steps, 1)?;
         at_least("batch", self.batch, 1)?;
+        for (name, steps) in
+            [("coarse-steps", self.coarse_steps), ("freeze-norm-after", self.freeze_norm_after)]
+        {
+            if self.flow_alone && steps > 0 {
+                return Err(TrainError::option(name, "0 where the flow learns alone", &steps));
+            }
+        }
         for side in crop {
             if *side < 32 || !side.is_multiple_of(8) {
                 return Err(TrainError::option("crop", "two multiples of 8 from 32 on", &side));

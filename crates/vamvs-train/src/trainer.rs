@@ -11,7 +11,7 @@ use vamvs_net::{Estimator, EstimatorOptions, Mode, Network, Profile};
 use crate::checkpoint::{Checkpoints, State, load_network, load_state, system, write_json};
 use crate::curves::Log;
 use crate::event::{StepRecord, TrainEvent, ValidationRecord};
-use crate::forward::forward;
+use crate::forward::{Learning, forward};
 use crate::loader::Loader;
 use crate::loss::{Losses, losses};
 use crate::optimizer::Optimizer;
@@ -129,6 +129,11 @@ impl<'a> Run<'a> {
         let began = Instant::now();
         let options = &self.job.options;
         let step = self.state.step;
+        let learning = match options.flow_alone {
+            true => Learning::Flow,
+            false if step < options.coarse_steps => Learning::Coarse,
+            false => Learning::All,
+        };
         let mode = if step < options.freeze_norm_after { Mode::Training } else { Mode::Evaluation };
         self.estimator.network_mut().set_mode(mode)?;
         let (mut batch, mut waited) = (Vec::new(), 0.0);
@@ -136,11 +141,11 @@ impl<'a> Run<'a> {
             let waiting = Instant::now();
             let sample = loader.next_sample()?;
             waited += waiting.elapsed().as_secs_f64();
-            let flow = step >= options.coarse_steps;
-            let output = forward(&self.estimator, &sample, flow, &mut Profile::default())?;
+            let output = forward(&self.estimator, &sample, learning, &mut Profile::default())?;
             let hypotheses = self.estimator.network().manifest().hypotheses;
             let losses = losses(&output, hypotheses, &options.loss)?;
-            if let Some(total) = &losses.total {
+            // Where the flow learns alone, there may be coarse depths to learn from, but none within its reach.
+            if let Some(total) = losses.total.as_ref().filter(|total| total.requires_grad()) {
                 total.f_div_scalar(options.batch as f64)?.f_backward()?;
             }
             batch.push(losses);

@@ -67,6 +67,9 @@ pub struct TrainingFlags {
     /// Steps at the beginning for the coarse part alone [default: a tenth; paper: a sixth].
     #[arg(long, value_name = "N")]
     pub coarse_steps: Option<usize>,
+    /// Train the flow alone, on coarse maps as the network makes them, normalisation as in use.
+    #[arg(long, conflicts_with_all = ["coarse_steps", "freeze_norm_after"])]
+    pub flow_alone: bool,
     /// Steps after which normalisation keeps its statistics, as in use [default: half; paper: never].
     #[arg(long, value_name = "N")]
     pub freeze_norm_after: Option<usize>,

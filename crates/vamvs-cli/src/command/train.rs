@@ -54,8 +54,10 @@ fn options(training: &TrainingFlags, samples: &SampleFlags) -> TrainOptions {
         TrainPreset::Compact => TrainOptions::compact(training.steps.unwrap_or(40_000)),
         TrainPreset::Paper => TrainOptions::paper(training.steps.unwrap_or(40_000)),
     };
-    set(&mut options.coarse_steps, training.coarse_steps);
-    set(&mut options.freeze_norm_after, training.freeze_norm_after);
+    let none = training.flow_alone.then_some(0);
+    options.flow_alone = training.flow_alone;
+    set(&mut options.coarse_steps, training.coarse_steps.or(none));
+    set(&mut options.freeze_norm_after, training.freeze_norm_after.or(none));
     set(&mut options.batch, training.batch);
     set(&mut options.seed, training.seed);
     set(&mut options.loss.visibility, training.visibility_weight);
