@@ -33,6 +33,10 @@ def flow(weights: dict[str, Tensor]) -> dict[str, Tensor]:
     return {name: value for name, value in weights.items() if name.split(".")[0] in ("flow_images", "pair_flow", "flow_net")}
 
 
+def trained_on(network: torch.jit.ScriptModule) -> list[str]:
+    return json.loads(network.manifest())["trained_on"].split("; ")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("network", choices=("photometric", *AGGREGATIONS))
@@ -89,10 +93,13 @@ def main() -> None:
     if arguments.like is not None:
         other = torch.jit.load(arguments.like)
         copy_common(other.state_dict(), module)
+        runs = trained_on(other)
         if arguments.flow_like is not None:
-            copy_common(flow(torch.jit.load(arguments.flow_like).state_dict()), module)
+            other = torch.jit.load(arguments.flow_like)
+            copy_common(flow(other.state_dict()), module)
+            runs += [f"the flow: {run}" for run in trained_on(other) if run not in runs]
         about = json.loads(module.manifest())
-        about["trained_on"] = json.loads(other.manifest())["trained_on"]
+        about["trained_on"] = "; ".join(runs)
         module.set_manifest(json.dumps(about))
     torch.jit.script(module.eval()).save(arguments.out)
 
