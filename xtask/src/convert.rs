@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use nalgebra::{Matrix3, Vector3};
-use vamvs_core::{Intrinsics, Pinhole, Pose};
+use vamvs_core::{Intrinsics, Pinhole, Pose, Source};
 use vamvs_io::{image, mvsnet};
 
 /// A scene in MVSNet's layout.
@@ -86,8 +86,9 @@ pub fn first_views(from: &Path, to: &Path, most: usize) -> Result<Layout> {
     }
     if let Some(pairs) = &scene.pairs {
         let ids: Vec<_> = scene.views[..count].iter().map(|view| view.id).collect();
-        let among_first = |pairs: &Vec<usize>| pairs.iter().copied().filter(|&view| view < count).collect();
-        let pairs: Vec<Vec<usize>> = pairs[..count].iter().map(among_first).collect();
+        let among_first =
+            |pairs: &Vec<Source>| pairs.iter().copied().filter(|source| source.view < count).collect();
+        let pairs: Vec<Vec<Source>> = pairs[..count].iter().map(among_first).collect();
         mvsnet::write_pairs(&to.join("pair.txt"), &ids, &pairs)?;
     }
     Ok(layout)

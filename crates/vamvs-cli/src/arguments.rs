@@ -340,7 +340,8 @@ pub struct DepthFlags {
     /// edges, but take three times the time [default: the network's, 4 for vis-max, 8 for photometric].
     #[arg(long, value_name = "PIXELS")]
     pub cells: Option<usize>,
-    /// Views compared for a depth map, the reference included [default: 5].
+    /// Views compared for a depth map, the reference included; beyond five only those that share at least 0.3
+    /// as much with it as the best one [default: 5].
     #[arg(long, value_name = "N")]
     pub views: Option<usize>,
     /// Depth planes of the sweep [default: from the cameras, about one every 4 pixels].

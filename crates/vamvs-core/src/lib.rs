@@ -43,7 +43,7 @@ pub use photo::{Photo, Rgb};
 pub use planes::{Planes, Spacing};
 pub use pose::Pose;
 pub use roi::Roi;
-pub use scene::{Scene, SparsePoint, View};
+pub use scene::{Scene, Source, SparsePoint, View};
 pub use similarity::Similarity;
 pub use visibility::Visibility;
 pub use voxel_mask::VoxelMask;

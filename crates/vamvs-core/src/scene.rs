@@ -28,6 +28,15 @@ pub struct SparsePoint {
     pub views: Vec<usize>,
 }
 
+/// Another view that shows a view's surfaces.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Source {
+    /// Index into [`Scene::views`].
+    pub view: usize,
+    /// How much it helps; only the ratios to the scores of the same view's other sources mean something.
+    pub score: f64,
+}
+
 /// Photographs with known cameras.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
@@ -35,6 +44,6 @@ pub struct Scene {
     pub views: Vec<View>,
     /// Triangulated points; empty if the scene's files have none.
     pub points: Vec<SparsePoint>,
-    /// For each view, its source views (indices, best first), if the scene's files say.
-    pub pairs: Option<Vec<Vec<usize>>>,
+    /// For each view, its source views, best first, if the scene's files say.
+    pub pairs: Option<Vec<Vec<Source>>>,
 }

@@ -9,7 +9,7 @@
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 
-use crate::{DepthRange, Pinhole, Scene, View, depth_range, lift::lift};
+use crate::{DepthRange, Pinhole, Scene, Source, View, depth_range, lift::lift};
 
 /// The best angle between viewing rays, degrees: θ₀ of MVSNet.
 const BEST_ANGLE: f64 = 5.0;
@@ -22,6 +22,13 @@ const WIDER: f64 = 10.0;
 
 /// A mean score of the common points below this is none: angles below 0.2° and above 53°.
 const NEGLIGIBLE: f64 = 1e-5;
+
+/// So many sources are compared whatever their scores.
+const FEWEST_COMPARED: usize = 4;
+
+/// Further ones are compared if they have this share of the best one's score: those with less show so little of
+/// the surfaces, or from so far aside, that they take away more than they tell.
+const WORTH: f64 = 0.3;
 
 /// A view that saw fewer points together with others than these is judged by geometry.
 const FEWEST_POINTS: usize = 10;
@@ -45,7 +52,7 @@ const LAYERS: usize = 3;
 /// optical axes, because surfaces are seen from one side only. A view that has nothing in common, or
 /// stands at the same place, is not selected, so lists may be shorter than `count`, and empty.
 #[must_use]
-pub fn select(scene: &Scene, pinholes: &[Pinhole], count: usize) -> Vec<Vec<usize>> {
+pub fn select(scene: &Scene, pinholes: &[Pinhole], count: usize) -> Vec<Vec<Source>> {
     if let Some(pairs) = &scene.pairs {
         return pairs.iter().map(|sources| sources.iter().copied().take(count).collect()).collect();
     }
@@ -62,6 +69,14 @@ pub fn select(scene: &Scene, pinholes: &[Pinhole], count: usize) -> Vec<Vec<usiz
             best(&scores, count)
         })
         .collect()
+}
+
+/// Of a view's sources, best first, the indices of those that it is compared with, at most `most`: the first four, and
+/// the others that have at least 0.3 of the best score.
+pub fn compared(sources: &[Source], most: usize) -> impl Iterator<Item = usize> {
+    let enough = WORTH * sources.iter().fold(0.0, |best, source| source.score.max(best));
+    let is_worth = move |&(rank, source): &(usize, &Source)| rank < FEWEST_COMPARED || source.score >= enough;
+    sources.iter().enumerate().filter(is_worth).map(|(_, source)| source.view).take(most)
 }
 
 /// For each view, the points that it and at least one other view saw.
@@ -160,12 +175,11 @@ pub fn angle_score(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
 }
 
 /// The views with the `count` highest scores, best first, ties by the lower index.
-fn best(scores: &[Score], count: usize) -> Vec<usize> {
+fn best(scores: &[Score], count: usize) -> Vec<Source> {
     let counts = |&view: &usize| scores[view].sum > NEGLIGIBLE * scores[view].points as f64;
     let mut views: Vec<usize> = (0..scores.len()).filter(counts).collect();
     views.sort_by(|&a, &b| scores[b].sum.total_cmp(&scores[a].sum));
-    views.truncate(count);
-    views
+    views.into_iter().take(count).map(|view| Source { view, score: scores[view].sum }).collect()
 }
 
 #[cfg(test)]
@@ -196,7 +210,12 @@ mod tests {
     }
 
     fn select_in(scene: &Scene, count: usize) -> Vec<Vec<usize>> {
-        select(scene, &vec![PINHOLE; scene.views.len()], count)
+        let views = |sources: Vec<Source>| sources.iter().map(|source| source.view).collect();
+        select(scene, &vec![PINHOLE; scene.views.len()], count).into_iter().map(views).collect()
+    }
+
+    fn sources(scores: &[f64]) -> Vec<Source> {
+        scores.iter().enumerate().map(|(view, &score)| Source { view: 10 + view, score }).collect()
     }
 
     #[test]
@@ -210,8 +229,20 @@ mod tests {
     #[test]
     fn pairs_of_the_scene_are_obeyed() {
         let mut scene = ring(&[0.0, 5.0, 10.0]);
-        scene.pairs = Some(vec![vec![2, 1], vec![], vec![0]]);
+        let source = |view| Source { view, score: 1.0 };
+        scene.pairs = Some(vec![vec![source(2), source(1)], vec![], vec![source(0)]]);
         assert_eq!(select_in(&scene, 1), [vec![2], vec![], vec![0]]);
+    }
+
+    #[test]
+    fn beyond_the_fourth_source_those_are_compared_that_score_nearly_as_well_as_the_best() {
+        let compare = |scores: &[f64], most| compared(&sources(scores), most).collect::<Vec<_>>();
+        assert_eq!(compare(&[100.0, 9.0, 8.0, 7.0, 6.0], 8), [10, 11, 12, 13], "four at least");
+        assert_eq!(compare(&[100.0, 90.0, 80.0, 70.0, 31.0, 29.0], 8), [10, 11, 12, 13, 14]);
+        assert_eq!(compare(&[1.0; 9], 7).len(), 7, "as many as are wanted");
+        assert_eq!(compare(&[100.0, 9.0, 8.0], 2), [10, 11]);
+        assert_eq!(compare(&[0.0; 6], 8).len(), 6, "a file without scores");
+        assert!(compare(&[], 8).is_empty());
     }
 
     #[test]

@@ -8,10 +8,9 @@ use std::path::Path;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use tempfile::{TempDir, tempdir};
-use vamvs_core::{DepthRange, Grid, Intrinsics, Pinhole, Pose, Size};
+use vamvs_core::{DepthRange, Grid, Intrinsics, Pinhole, Pose, Size, Source};
 use vamvs_io::mvsnet::{
     DepthLine, Options, PixelCentre, read_cam, read_pairs, read_scene, write_cam, write_pairs,
-    write_scored_pairs,
 };
 use vamvs_io::{IoError, Loaded, atomic, image};
 
@@ -156,18 +155,11 @@ proptest! {
 fn pairs_are_read_as_written() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("pair.txt");
-    let pairs = vec![vec![2, 1], vec![], vec![0]];
+    let source = |view, score| Source { view, score };
+    let pairs = vec![vec![source(2, 12.5), source(1, 0.25)], vec![], vec![source(0, 1.0)]];
     write_pairs(&path, &[10, 4, 7], &pairs).unwrap();
-    assert_eq!(fs::read_to_string(&path).unwrap(), "3\n10\n2 7 1 4 1\n4\n0\n7\n1 10 1\n");
+    assert_eq!(fs::read_to_string(&path).unwrap(), "3\n10\n2 7 12.5 4 0.25\n4\n0\n7\n1 10 1\n");
     assert_eq!(read_pairs(&path, &[10, 4, 7]).unwrap(), pairs);
-}
-
-#[test]
-fn scores_are_written_beside_their_pairs() {
-    let folder = tempdir().unwrap();
-    let path = folder.path().join("pair.txt");
-    write_scored_pairs(&path, &[3, 5], &[vec![(1, 0.25)], vec![]]).unwrap();
-    assert_eq!(fs::read_to_string(&path).unwrap(), "2\n3\n1 5 0.25\n5\n0\n");
 }
 
 #[test]
@@ -195,7 +187,7 @@ fn wrong_pairs_are_refused_with_their_line() {
         assert!(error.contains("pair.txt") && error.contains(expected), "{text:?}: {error}");
     }
     save(&path, "1\n1\n0 ");
-    assert_eq!(read_pairs(&path, &[0, 1]).unwrap(), [vec![], Vec::<usize>::new()]);
+    assert_eq!(read_pairs(&path, &[0, 1]).unwrap(), [vec![], vec![]]);
 }
 
 /// A folder with `cams/STEM_cam.txt` and `images/NAME`.
@@ -228,7 +220,7 @@ fn a_scene_matches_images_by_stem_and_finds_its_pairs() {
     let size = Size::new(8, 6);
     assert_eq!(views, [(3, "00000003.PNG", size), (12, "00000012.png", size)]);
     assert_eq!(scene.views[0].cam_from_world.rotation, Matrix3::identity());
-    assert_eq!(scene.pairs, Some(vec![vec![], vec![0]]));
+    assert_eq!(scene.pairs, Some(vec![vec![], vec![Source { view: 0, score: 1.0 }]]));
     assert!(warnings.len() == 1 && warnings[0].contains("00000012.webp.png"), "{warnings:?}");
 }
 

@@ -246,7 +246,7 @@ impl Views<'_> {
             sheet.add(photograph, depth, &visibility);
         }
         let ids: Vec<u32> = (0..self.stations.len() as u32).collect();
-        mvsnet::write_scored_pairs(&folder.pairs(), &ids, &pairs)?;
+        mvsnet::write_pairs(&folder.pairs(), &ids, &pairs)?;
         Ok(image::save_png_rgb(&folder.sheet(), &sheet.paint())?)
     }
 

@@ -3,7 +3,7 @@
 use nalgebra::{Vector2, Vector3};
 use vamvs_core::lift::lift;
 use vamvs_core::view_selection::angle_score;
-use vamvs_core::{Grid, Visibility};
+use vamvs_core::{Grid, Source, Visibility};
 
 use crate::Station;
 
@@ -18,19 +18,19 @@ pub(crate) fn sources(
     stations: &[Station],
     depth: &Grid<f32>,
     visibility: &[Grid<Visibility>],
-) -> Vec<(usize, f64)> {
+) -> Vec<Source> {
     let surfaces = surfaces(&stations[view], depth);
     let own = stations[view].cam_from_world.centre();
-    let score = |(other, tile): (usize, &Grid<Visibility>)| {
-        let centre = stations[other].cam_from_world.centre();
+    let source = |(view, tile): (usize, &Grid<Visibility>)| {
+        let centre = stations[view].cam_from_world.centre();
         let seen = surfaces.iter().filter(|(at, _)| tile[*at] == Visibility::Visible);
         let sum: f64 = seen.map(|(_, point)| angle_score(&(own - point), &(centre - point))).sum();
-        (other, sum / surfaces.len().max(1) as f64)
+        Source { view, score: sum / surfaces.len().max(1) as f64 }
     };
     let others = visibility.iter().enumerate().filter(|(other, _)| *other != view);
-    let mut scores: Vec<_> = others.map(score).filter(|(_, score)| *score > 0.0).collect();
-    scores.sort_by(|a, b| b.1.total_cmp(&a.1));
-    scores
+    let mut sources: Vec<_> = others.map(source).filter(|source| source.score > 0.0).collect();
+    sources.sort_by(|a, b| b.score.total_cmp(&a.score));
+    sources
 }
 
 /// Pixels of a lattice and the surface points in the world that they show.
@@ -70,9 +70,11 @@ mod tests {
         let stations = [0.0, 60.0, 8.7, -8.7, 8.7].map(station);
         let depth = Grid::filled(SIZE, 100.0);
         let sources = sources(0, &stations, &depth, &[all.clone(), all.clone(), half, all, none]);
-        let order: Vec<usize> = sources.iter().map(|(view, _)| *view).collect();
+        let order: Vec<usize> = sources.iter().map(|source| source.view).collect();
         assert_eq!(order, [3, 2, 1]);
-        assert!((sources[0].1 - 1.0).abs() < 0.2 && (sources[1].1 / sources[0].1 - 0.5).abs() < 0.05);
+        assert!(
+            (sources[0].score - 1.0).abs() < 0.2 && (sources[1].score / sources[0].score - 0.5).abs() < 0.05
+        );
     }
 
     #[test]
@@ -83,7 +85,7 @@ mod tests {
             sources(0, &stations, depth, &[seen.clone(), seen])
         };
         let half = Grid::from_fn(SIZE, |_, y| if y < 8 { 100.0 } else { 0.0 });
-        let [whole, half] = [score(&Grid::filled(SIZE, 100.0)), score(&half)].map(|sources| sources[0].1);
+        let [whole, half] = [score(&Grid::filled(SIZE, 100.0)), score(&half)].map(|sources| sources[0].score);
         assert!((whole - half).abs() < 0.05, "{whole} {half}");
         assert_eq!(score(&Grid::filled(SIZE, 0.0)), []);
     }

@@ -200,7 +200,7 @@ fn the_files_are_one_scene() {
             let is_unit = |n: &[f32; 3]| (n.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-5;
             let agree = normals.data().iter().zip(depth.data()).all(|(n, &z)| is_unit(n) == (z > 0.0));
             assert!(agree, "normals are where depths are");
-            assert!(!pairs[index].contains(&index));
+            assert!(pairs[index].iter().all(|source| source.view != index));
         }
     }
 }

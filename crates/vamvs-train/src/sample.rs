@@ -7,7 +7,9 @@ use tch::{Kind, TchError, Tensor};
 use vamvs_core::depth_map::is_valid;
 use vamvs_core::lift::lift;
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Size, Spacing, Visibility};
+use vamvs_core::{
+    DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Size, Source, Spacing, Visibility, view_selection,
+};
 use vamvs_io::{image, pfm, visibility};
 use vamvs_net::encode::COARSE_SCALE;
 use vamvs_net::{EncodedView, NetError, Network};
@@ -151,8 +153,8 @@ pub fn draw(
 }
 
 /// A random number of sources, in random order.
-fn choose_sources(sources: &[usize], [fewest, most]: [usize; 2], rng: &mut impl Rng) -> Vec<usize> {
-    let mut left = sources.to_vec();
+fn choose_sources(sources: &[Source], [fewest, most]: [usize; 2], rng: &mut impl Rng) -> Vec<usize> {
+    let mut left: Vec<usize> = sources.iter().map(|source| source.view).collect();
     let count = rng.random_range(fewest..=most).saturating_sub(1).clamp(1, left.len());
     (0..count).map(|_| left.remove(rng.random_range(0..left.len()))).collect()
 }
@@ -376,7 +378,8 @@ fn truth(view: &TrainingView, depth: Grid<f32>, sources: &[usize], cut: &Cut) ->
 pub fn whole(scene: &TrainingScene, reference: usize, options: &Validation) -> Result<Sample, TrainError> {
     const WIDER: f64 = 1.1;
     let view = &scene.views[reference];
-    let sources: Vec<usize> = scene.sources[reference].iter().copied().take(options.views - 1).collect();
+    let sources: Vec<usize> =
+        view_selection::compared(&scene.sources[reference], options.views - 1).collect();
     let cut = |view: &TrainingView| {
         let Size { width, height } = view.camera.size;
         let scale = (options.max_size as f64 / width.max(height) as f64).min(1.0);

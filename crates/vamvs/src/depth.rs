@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Planes, Rgb, Scene, Size};
+use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Planes, Rgb, Scene, Size, Source};
 use vamvs_io::image;
 use vamvs_net::{EncodedView, Estimator, Profile};
 
@@ -173,9 +173,12 @@ impl Run<'_> {
         // The finest map of a view first.
         let finest_first = maps.iter().enumerate().rev();
         finest_first.for_each(|(number, (view, _))| numbers.entry(*view).or_default().push(number));
-        let neighbours = |(view, _): &(usize, String)| -> Vec<usize> {
-            let others = self.job.plan.neighbours[*view].iter().filter_map(|other| numbers.get(other));
-            others.flatten().copied().collect()
+        let neighbours = |(view, _): &(usize, String)| -> Vec<Source> {
+            let maps_of = |&Source { view, score }: &Source| {
+                let maps = numbers.get(&view).into_iter().flatten();
+                maps.map(move |&number| Source { view: number, score })
+            };
+            self.job.plan.neighbours[*view].iter().flat_map(maps_of).collect()
         };
         let names: Vec<&str> = maps.iter().map(|(_, name)| name.as_str()).collect();
         self.job.output.write_pairs(&names, &maps.iter().map(neighbours).collect::<Vec<_>>())?;

@@ -22,7 +22,8 @@ pub struct DepthOptions {
     /// Width of the coarse map's cells, pixels of a photograph: 8 or 4, which lose what is smaller than they are;
     /// by default the network's own.
     pub cells: Option<usize>,
-    /// Views compared for a depth map, the reference included, at least 2.
+    /// Views compared for a depth map at most, the reference included, at least 2; see
+    /// [`vamvs_core::view_selection::compared`].
     pub views: usize,
     /// Number of planes; by default from the cameras, see [`vamvs_core::Planes::fitting`].
     pub planes: Option<usize>,

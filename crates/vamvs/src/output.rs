@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use vamvs_core::{DepthMap, DepthRange, Grid, Planes, Rgb, Size, View};
+use vamvs_core::{DepthMap, DepthRange, Grid, Planes, Rgb, Size, Source, View};
 use vamvs_io::{IoError, atomic, image, mvsnet, pfm};
 
 use crate::VamvsError;
@@ -160,7 +160,7 @@ impl OutputFolder {
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn write_pairs(&self, names: &[&str], sources: &[Vec<usize>]) -> Result<(), VamvsError> {
+    pub fn write_pairs(&self, names: &[&str], sources: &[Vec<Source>]) -> Result<(), VamvsError> {
         let sorted: BTreeMap<String, usize> =
             (0..names.len()).map(|view| (names[view].to_owned(), view)).collect();
         let mut ids = vec![0; names.len()];

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use vamvs_core::depth_range::{self, RangeOrigin};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::view_selection;
-use vamvs_core::{DepthRange, Pinhole, Planes, Scene};
+use vamvs_core::{DepthRange, Pinhole, Planes, Scene, Source};
 
 use crate::options::MIN_SIZE;
 use crate::photographs::working_cameras;
@@ -40,7 +40,7 @@ pub struct Plan {
     /// For each view what will be done, or why nothing.
     pub views: Vec<Result<ViewPlan, String>>,
     /// For each view, other views that may see the same surfaces, best first.
-    pub neighbours: Vec<Vec<usize>>,
+    pub neighbours: Vec<Vec<Source>>,
 }
 
 /// Chooses source views, depth ranges and planes.
@@ -51,7 +51,7 @@ pub fn plan(scene: &Scene, photographs: &Photographs, options: &DepthOptions) ->
     check(options)?;
     let cameras = working_cameras(photographs, scene);
     let mut selected = view_selection::select(scene, &cameras, NEIGHBOURS.max(options.views - 1));
-    let is_large = |view: &usize| shorter_side(&cameras[*view]) >= SHORTEST_SIDE;
+    let is_large = |source: &Source| shorter_side(&cameras[source.view]) >= SHORTEST_SIDE;
     selected.iter_mut().for_each(|sources| sources.retain(is_large));
     let planner = Planner { scene, cameras: &cameras, options };
     let views: Vec<_> =
@@ -111,14 +111,14 @@ struct Planner<'a> {
 }
 
 impl Planner<'_> {
-    fn view(&self, view: usize, selected: &[usize]) -> Result<ViewPlan, String> {
+    fn view(&self, view: usize, selected: &[Source]) -> Result<ViewPlan, String> {
         if shorter_side(&self.cameras[view]) < SHORTEST_SIDE {
             return Err(format!(
                 "its photograph has {} pixels, expected at least {SHORTEST_SIDE} on the shorter side",
                 self.cameras[view].size
             ));
         }
-        let sources: Vec<_> = selected.iter().copied().take(self.options.views - 1).collect();
+        let sources: Vec<_> = view_selection::compared(selected, self.options.views - 1).collect();
         if sources.is_empty() {
             return Err("no other view is known to see the same surfaces from aside".to_owned());
         }

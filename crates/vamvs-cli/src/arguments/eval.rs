@@ -177,7 +177,7 @@ pub struct EvalNetworkArguments {
     /// Scenes with true depths, or folders of such: of `vamvs synth`, BlendedMVS, DTU's training set.
     #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
     pub data: Vec<PathBuf>,
-    /// Views compared for a depth map, the reference included; several: one after the other.
+    /// Views compared for a depth map, as with `vamvs depth --views`; several: one after the other.
     #[arg(long, value_name = "N", num_args = 1.., default_values_t = [5])]
     pub views: Vec<usize>,
     /// Reference views, spread evenly over the scenes.

@@ -1,7 +1,7 @@
 //! `vamvs fuse` on depth maps with exact truth; needs no network.
 
 use crate::scene::{Scene, error_of, expect_success, stderr, truncate, vamvs, write};
-use vamvs::core::{Camera, DepthMap, Grid, Lens, View};
+use vamvs::core::{Camera, DepthMap, Grid, Lens, Source, View};
 use vamvs::output::{OutputFolder, Record, SavedMap};
 
 /// The true depth maps of a scene as an output folder.
@@ -9,7 +9,8 @@ pub fn true_maps(scene: &Scene) -> OutputFolder {
     let folder = OutputFolder::new(&scene.out());
     let names: Vec<String> = (0..scene.views.len()).map(|i| format!("{i:04}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let others = |view: usize| (0..names.len()).filter(|&other| other != view).collect();
+    let all = (0..names.len()).map(|view| Source { view, score: 1.0 });
+    let others = |view: usize| all.clone().filter(|other| other.view != view).collect();
     folder.prepare(&names).unwrap();
     for (name, view) in names.iter().zip(&scene.views) {
         let map = DepthMap {

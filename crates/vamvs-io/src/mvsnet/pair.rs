@@ -3,17 +3,19 @@
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
+use vamvs_core::Source;
+
 use crate::text::WordReader;
 use crate::{IoError, atomic};
 
-/// Reads the source views of each view: indices into `ids`, best first.
+/// Reads the source views of each view, indices into `ids`, best first.
 ///
 /// `ids` are the views' numbers. A view that the file does not list has no source views.
 ///
 /// # Errors
 /// If the file cannot be read, names a number that is not in `ids`, lists a view twice or as its own
 /// source, or has fewer or more entries than it announces.
-pub fn read_pairs(path: &Path, ids: &[u32]) -> Result<Vec<Vec<usize>>, IoError> {
+pub fn read_pairs(path: &Path, ids: &[u32]) -> Result<Vec<Vec<Source>>, IoError> {
     let index_of = ids.iter().enumerate().map(|(index, &id)| (id, index)).collect();
     let mut file = PairReader { words: WordReader::open(path)?, index_of };
     let mut sources = vec![Vec::new(); ids.len()];
@@ -36,27 +38,17 @@ pub fn read_pairs(path: &Path, ids: &[u32]) -> Result<Vec<Vec<usize>>, IoError> 
 
 /// Writes the source views of each view.
 ///
-/// `ids` are the views' numbers, `sources` holds for each view indices into `ids`, best first. A
-/// scene keeps the order of its pairs and not their scores: each gets the score 1.
+/// `ids` are the views' numbers, `sources` holds for each view indices into `ids`, best first.
 ///
 /// # Errors
 /// If the file cannot be written; then nothing has changed.
-pub fn write_pairs(path: &Path, ids: &[u32], sources: &[Vec<usize>]) -> Result<(), IoError> {
-    let scored = |sources: &Vec<usize>| sources.iter().map(|&source| (source, 1.0)).collect();
-    write_scored_pairs(path, ids, &sources.iter().map(scored).collect::<Vec<_>>())
-}
-
-/// Writes the source views of each view with their scores, best first, as [`write_pairs`].
-///
-/// # Errors
-/// If the file cannot be written; then nothing has changed.
-pub fn write_scored_pairs(path: &Path, ids: &[u32], sources: &[Vec<(usize, f64)>]) -> Result<(), IoError> {
+pub fn write_pairs(path: &Path, ids: &[u32], sources: &[Vec<Source>]) -> Result<(), IoError> {
     atomic::write(path, |out| {
         writeln!(out, "{}", ids.len())?;
         for (id, sources) in ids.iter().zip(sources) {
             write!(out, "{id}\n{}", sources.len())?;
-            for &(source, score) in sources {
-                write!(out, " {} {score}", ids[source])?;
+            for &Source { view, score } in sources {
+                write!(out, " {} {score}", ids[view])?;
             }
             writeln!(out)?;
         }
@@ -80,16 +72,16 @@ impl PairReader {
     }
 
     /// The source views of `reference`.
-    fn sources(&mut self, reference: usize) -> Result<Vec<usize>, IoError> {
+    fn sources(&mut self, reference: usize) -> Result<Vec<Source>, IoError> {
         let count: usize = self.words.number("number of source views")?;
-        let mut sources = Vec::new();
+        let mut sources: Vec<Source> = Vec::new();
         for _ in 0..count {
-            let source = self.view("source view")?;
-            self.words.number::<f64>("score")?;
-            if source == reference || sources.contains(&source) {
+            let view = self.view("source view")?;
+            let score = self.words.number("score")?;
+            if view == reference || sources.iter().any(|source| source.view == view) {
                 return Err(self.words.malformed("source view: expected other views, each once"));
             }
-            sources.push(source);
+            sources.push(Source { view, score });
         }
         Ok(sources)
     }

@@ -6,7 +6,9 @@ use std::path::Path;
 use image::{DynamicImage, ImageFormat, RgbaImage};
 use nalgebra::{Vector2, Vector3};
 use serde_json::json;
-use vamvs_core::{Camera, CloudPoint, DepthRange, Grid, Intrinsics, Lens, Pinhole, Pose, Size, Visibility};
+use vamvs_core::{
+    Camera, CloudPoint, DepthRange, Grid, Intrinsics, Lens, Pinhole, Pose, Size, Source, Visibility,
+};
 use vamvs_io::colmap::{Image, Model, Observation, Point, dense};
 use vamvs_io::ply::{Coordinates, PlyWriter};
 use vamvs_io::{
@@ -98,7 +100,12 @@ pub fn mvsnet(folder: &Path) -> Fixture {
     for (x, name) in [(0.0, "a_cam.txt"), (1.0, "b_cam.txt")] {
         mvsnet_files::write_cam(&folder.join(name), &pinhole(), &pose(x), range).unwrap();
     }
-    mvsnet_files::write_pairs(&folder.join("pair.txt"), &[0, 1], &[vec![1], vec![0]]).unwrap();
+    mvsnet_files::write_pairs(
+        &folder.join("pair.txt"),
+        &[0, 1],
+        &[1, 0].map(|view| vec![Source { view, score: 1.0 }]),
+    )
+    .unwrap();
     Fixture::new(folder, &["a_cam.txt", "pair.txt"])
 }
 

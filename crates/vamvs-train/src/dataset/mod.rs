@@ -4,7 +4,7 @@ mod layout;
 
 use std::path::{Path, PathBuf};
 
-use vamvs_core::{Pinhole, Pose};
+use vamvs_core::{Pinhole, Pose, Source};
 
 use crate::TrainError;
 
@@ -31,7 +31,7 @@ pub struct TrainingScene {
     /// The views.
     pub views: Vec<TrainingView>,
     /// For each view those that overlap with it, best first; views without any are no references.
-    pub sources: Vec<Vec<usize>>,
+    pub sources: Vec<Vec<Source>>,
 }
 
 /// Scenes to train or to validate with.

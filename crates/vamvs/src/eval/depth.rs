@@ -368,7 +368,7 @@ fn sources(truth: &Maps, view: usize, recorded: Vec<usize>) -> Vec<usize> {
         return recorded;
     }
     match truth.pairs() {
-        Some(pairs) => pairs[view].clone(),
+        Some(pairs) => pairs[view].iter().map(|source| source.view).collect(),
         None => (0..truth.len()).filter(|&other| other != view).collect(),
     }
 }

@@ -6,7 +6,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use vamvs_core::view_selection;
-use vamvs_core::{Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Scene, Size, SparsePoint};
+use vamvs_core::{Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Scene, Size, Source, SparsePoint};
 use vamvs_fusion::{FusionView, MapSource};
 use vamvs_io::colmap::dense;
 use vamvs_io::masks::{self, Masks};
@@ -150,7 +150,7 @@ impl Maps {
 
     /// For each view, its source views as the folder's files tell them, best first; `None` if they do not.
     #[must_use]
-    pub fn pairs(&self) -> Option<&[Vec<usize>]> {
+    pub fn pairs(&self) -> Option<&[Vec<Source>]> {
         self.scene.pairs.as_deref()
     }
 
@@ -160,7 +160,8 @@ impl Maps {
     pub fn neighbours(&self, count: usize) -> Vec<Vec<usize>> {
         let all: Vec<usize> = (0..self.len()).collect();
         let maps = self.len().div_ceil(self.places(&all).max(1));
-        view_selection::select(&self.scene, &self.cameras, count * maps)
+        let views = |sources: Vec<Source>| sources.iter().map(|source| source.view).collect();
+        view_selection::select(&self.scene, &self.cameras, count * maps).into_iter().map(views).collect()
     }
 
     /// From how many places these views look: maps of one photograph (`--fovea`) look from one.
@@ -262,8 +263,9 @@ fn pinhole(camera: &Camera, path: &Path) -> Result<Pinhole, VamvsError> {
 /// The part of a scene that only these views make up.
 fn only(scene: &Scene, kept: &[usize]) -> Scene {
     let place = |view: &usize| kept.binary_search(view).ok();
-    let pairs = |pairs: &Vec<Vec<usize>>| {
-        kept.iter().map(|&view| pairs[view].iter().filter_map(place).collect()).collect()
+    let source = |&Source { view, score }: &Source| Some(Source { view: place(&view)?, score });
+    let pairs = |pairs: &Vec<Vec<Source>>| {
+        kept.iter().map(|&view| pairs[view].iter().filter_map(source).collect()).collect()
     };
     let point = |point: &SparsePoint| {
         let views: Vec<usize> = point.views.iter().filter_map(place).collect();
