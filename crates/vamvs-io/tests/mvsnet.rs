@@ -220,7 +220,7 @@ fn a_scene_matches_images_by_stem_and_finds_its_pairs() {
     let size = Size::new(8, 6);
     assert_eq!(views, [(3, "00000003.PNG", size), (12, "00000012.png", size)]);
     assert_eq!(scene.views[0].cam_from_world.rotation, Matrix3::identity());
-    assert_eq!(scene.pairs, Some(vec![vec![], vec![Source { view: 0, score: 1.0 }]]));
+    assert_eq!(scene.pairs, Some(vec![vec![], vec![Source { view: 0, score: 0.5 }]]));
     assert!(warnings.len() == 1 && warnings[0].contains("00000012.webp.png"), "{warnings:?}");
 }
 
