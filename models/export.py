@@ -70,6 +70,8 @@ def main() -> None:
     parser.add_argument("--like", metavar="FILE.pt", help="start from the weights of this network in all layers that both have")
     parser.add_argument("--flow-like", metavar="FILE.pt", help="the flow's weights of this one instead")
     arguments = parser.parse_args()
+    if arguments.flow_like is not None and arguments.like is None:
+        parser.error("--flow-like replaces the flow's weights of --like, which is missing")
     torch.manual_seed(arguments.seed)
     if arguments.network == "photometric":
         module = Photometric()

@@ -254,8 +254,11 @@ fn smaller_cells_give_what_enlarged_photographs_give() {
     let views = fixtures::tilted_plane(Size::new(202, 150), 3);
     let planes = planes(&views[1], 32);
     let order = [1, 0, 2].map(|i| &views[i].photo);
-    let mut small = estimator("weights/photometric");
-    small.network_mut().set_cells(4).unwrap();
+    let mut network = module("weights/photometric");
+    network.set_cells(4).unwrap();
+    assert!(network.set_cells(16).unwrap_err().to_string().contains("16"));
+    let options = EstimatorOptions::of(&network);
+    let small = Estimator::new(network, options).unwrap();
     assert_eq!(small.scales(), [4, 2]);
     let map = depth(&small, &order, &planes);
     assert_eq!(map.depth.size(), Size::new(101, 75));
@@ -272,14 +275,13 @@ fn smaller_cells_give_what_enlarged_photographs_give() {
         Photo { camera: photo.camera.resized(size), image: resize(&photo.image, size), ..photo.clone() }
     });
     let mut large = estimator("weights/photometric");
-    let last_two = small.options().iterations[1..].iter();
-    large.options_mut().iterations = last_two.map(|i| Iteration { scale: 2 * i.scale, ..*i }).collect();
+    let iterations = small.options().iterations.iter();
+    large.options_mut().iterations = iterations.map(|i| Iteration { scale: 2 * i.scale, ..*i }).collect();
     let other = depth(&large, &enlarged.each_ref(), &planes);
     assert_eq!(other.camera, map.camera);
     // But for the costs of the wide cells, it is the same.
     let same = agreement(&map, &other, 1.0, 0.005);
     assert!(same > 0.9, "{same}");
-    assert!(small.network_mut().set_cells(16).unwrap_err().to_string().contains("16"));
 }
 
 /// The wide cells beside the small ones are those of a network that does without small ones.
@@ -312,6 +314,13 @@ fn requests_without_sense_are_errors() {
     assert!(estimator.estimate(&encoded, &[&encoded], &one, &mut Profile::default()).is_err());
     let tiny = fixtures::tilted_plane(Size::new(16, 64), 1);
     assert!(estimator.network().encode(&tiny[0].photo).unwrap_err().to_string().contains("16×64"));
+    let network = module("weights/vis-max");
+    let options = EstimatorOptions {
+        iterations: network.manifest().iterations.clone(),
+        ..EstimatorOptions::of(&network)
+    };
+    let error = Estimator::new(network, options).unwrap_err().to_string();
+    assert!(error.contains("1/8") && error.contains("cells of 4"), "{error}");
 }
 
 #[test]

@@ -12,8 +12,9 @@ use vamvs_net::cost_volume::sweep;
 use vamvs_net::tch::{self, Kind, Tensor};
 use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Mode, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
+use vamvs_train::optimizer::Optimizer;
 use vamvs_train::options::SampleOptions;
-use vamvs_train::sample::whole;
+use vamvs_train::sample::{draw, whole};
 use vamvs_train::{Dataset, TrainEvent, TrainJob, TrainOptions, Validation, calibrate, train, write_module};
 
 fn network(name: &str) -> Network {
@@ -243,6 +244,45 @@ fn another_run_in_the_same_folder_is_refused() {
     job.options.seed = 1;
     let error = train(&job, network("var"), &mut |_| ()).unwrap_err().to_string();
     assert!(error.contains("other options") && error.contains("--out"), "{error}");
+    job.options.seed = TrainOptions::default().seed;
+    let error = train(&job, network("vis-var"), &mut |_| ()).unwrap_err().to_string();
+    assert!(error.contains("another network"), "{error}");
+    assert!(train(&job, network("var"), &mut |_| ()).is_ok());
+}
+
+#[test]
+fn a_view_with_little_truth_is_learnt_from_and_one_without_any_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let TrainJob { training, options, .. } = job(folder.path(), "out", 1);
+    let views = &training.scenes[0].views;
+    let whole = pfm::read_depth(&views[0].depth).unwrap();
+    let nothing = Grid::filled(whole.size(), 0.0_f32);
+    let island = |x: usize, y: usize| x.abs_diff(70) < 2 && y.abs_diff(50) < 2;
+    let little = Grid::from_fn(whole.size(), |x, y| if island(x, y) { whole[(x, y)] } else { 0.0 });
+    let options = SampleOptions { crop: [32, 32], min_scale: 1.0, ..options.sample };
+    for view in views {
+        pfm::write(&view.depth, &nothing).unwrap();
+    }
+    let error = draw(&training, &options, 0, 0).unwrap_err().to_string();
+    assert!(error.contains("found none, nor in 7 others"), "{error}");
+    pfm::write(&views[0].depth, &little).unwrap();
+    let drawn: Vec<_> = (0..8).filter_map(|number| draw(&training, &options, 0, number).ok()).collect();
+    assert!(drawn.len() >= 6, "the view is found in nine of ten rounds, {}", drawn.len());
+    for sample in drawn {
+        assert!(sample.true_depths(1).data().iter().any(|depth| *depth > 0.0));
+    }
+}
+
+#[test]
+fn a_gradient_that_is_not_finite_leaves_the_weights_alone() {
+    let network = network("var");
+    let mut optimizer = Optimizer::new(&network, &TrainOptions::default().optimizer).unwrap();
+    let copies = || network.parameters().unwrap().into_iter().map(|(_, value)| value.copy()).collect();
+    let before: Vec<Tensor> = copies();
+    (&network.parameters().unwrap()[0].1 * f64::INFINITY).sum(Kind::Float).backward();
+    assert!(!optimizer.step(1e-3).unwrap().is_finite());
+    let after: Vec<Tensor> = copies();
+    assert!(before.iter().zip(&after).all(|(before, after)| before.equal(after)));
 }
 
 #[test]

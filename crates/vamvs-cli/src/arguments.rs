@@ -363,7 +363,7 @@ pub struct DepthFlags {
     #[arg(long, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_negative_numbers = true)]
     pub roi: Option<Vec<f64>>,
     /// Depth outside of the box of --roi too, but coarsely, and finely only in it: one cloud of several
-    /// densities, in less time. Coarser maps are called NAME@8 and NAME@4.
+    /// densities, in less time. Coarser maps are called NAME@8 (with cells of 8) and NAME@4.
     #[arg(long)]
     pub fovea: bool,
 }

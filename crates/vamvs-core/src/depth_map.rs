@@ -17,6 +17,15 @@ pub struct DepthMap {
     pub coarse_confidence: Option<Grid<f32>>,
 }
 
+impl DepthMap {
+    /// By what the size of a photograph with this camera was divided for the map. Its last pixels may have been lost
+    /// on the way, so that the sizes do not tell.
+    #[must_use]
+    pub fn scale_in(&self, photograph: &Pinhole) -> usize {
+        (photograph.intrinsics.fx / self.camera.intrinsics.fx).round() as usize
+    }
+}
+
 /// Whether a depth value is one: finite and positive.
 #[must_use]
 pub fn is_valid(depth: f32) -> bool {

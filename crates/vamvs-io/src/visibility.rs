@@ -11,15 +11,17 @@ use vamvs_core::{Grid, Size, Visibility};
 
 use crate::{IoError, Place, image};
 
-/// Reads the tiles of an image of `size`, one a view.
+/// Reads the tiles of an image of `size`, one for each of `views` views.
 ///
 /// # Errors
-/// If the file cannot be decoded, is no 8-bit grey image as wide as `size` and a multiple of its
-/// height, or has other grey values than the four.
-pub fn read(path: &Path, size: Size) -> Result<Vec<Grid<Visibility>>, IoError> {
+/// If the file cannot be decoded, is no 8-bit grey image as wide as `size` and `views` times as high, or has other
+/// grey values than the four.
+pub fn read(path: &Path, size: Size, views: usize) -> Result<Vec<Grid<Visibility>>, IoError> {
     let stacked = decode_grey(path)?;
-    if stacked.width() != size.width || !stacked.height().is_multiple_of(size.height) {
-        let problem = format!("expected tiles of {size} from top to bottom, found {}", stacked.size());
+    if stacked.size() != Size::new(size.width, size.height * views) {
+        let found = stacked.size();
+        let problem =
+            format!("expected a tile of {size} for each of {views} views from top to bottom, found {found}");
         return Err(IoError::malformed(path, Place::Whole, problem));
     }
     let tile = |grey: &[u8]| grey.iter().map(|&grey| from_grey(path, grey)).collect::<Result<_, _>>();
@@ -95,18 +97,23 @@ mod tests {
         let tiles = tiles(Size::new(5, 3), 4);
         write(&path, &tiles).unwrap();
         assert_eq!(image::stored_size(&path).unwrap(), Size::new(5, 12));
-        assert_eq!(read(&path, Size::new(5, 3)).unwrap(), tiles);
+        assert_eq!(read(&path, Size::new(5, 3), 4).unwrap(), tiles);
         assert_eq!(decode_grey(&path).unwrap().row(3)[..2], [255, 0], "the second tile is below the first");
     }
 
     #[test]
-    fn tiles_of_another_size_are_refused() {
+    fn tiles_of_another_size_or_number_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("visibility.png");
         write(&path, &tiles(Size::new(5, 3), 2)).unwrap();
-        for size in [Size::new(4, 3), Size::new(5, 4)] {
-            let error = read(&path, size).unwrap_err().to_string();
-            assert!(error.contains(&size.to_string()) && error.contains("5×6"), "{error}");
+        for (size, views) in
+            [(Size::new(4, 3), 2), (Size::new(5, 4), 2), (Size::new(5, 3), 1), (Size::new(5, 3), 3)]
+        {
+            let error = read(&path, size, views).unwrap_err().to_string();
+            assert!(
+                error.contains(&format!("{size} for each of {views}")) && error.contains("5×6"),
+                "{error}"
+            );
         }
     }
 
@@ -116,10 +123,10 @@ mod tests {
         let path = folder.path().join("visibility.png");
         let size = Size::new(2, 1);
         image::save_png_gray8(&path, &Grid::from_vec(size, vec![255, 84])).unwrap();
-        assert!(read(&path, size).unwrap_err().to_string().contains("found 84"));
+        assert!(read(&path, size, 1).unwrap_err().to_string().contains("found 84"));
         image::save_png_gray16(&path, &Grid::filled(size, 255)).unwrap();
-        assert!(read(&path, size).unwrap_err().to_string().contains("8-bit grey"));
+        assert!(read(&path, size, 1).unwrap_err().to_string().contains("8-bit grey"));
         image::save_png_rgb(&path, &Grid::filled(size, [255; 3])).unwrap();
-        assert!(read(&path, size).unwrap_err().to_string().contains("8-bit grey"));
+        assert!(read(&path, size, 1).unwrap_err().to_string().contains("8-bit grey"));
     }
 }

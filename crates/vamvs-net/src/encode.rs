@@ -4,7 +4,7 @@ use tch::{Kind, TchError, Tensor};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{Grid, Intrinsics, Photo, Pinhole, Pose, Rgb, Size};
 
-use crate::{Device, NetError, Network};
+use crate::{Device, Iteration, Manifest, NetError, Network};
 
 /// The stride of the coarse features, and the multiple to which images are padded.
 pub const COARSE_SCALE: usize = 8;
@@ -36,6 +36,13 @@ impl Network {
     #[must_use]
     pub fn enlarge(&self) -> usize {
         COARSE_SCALE / self.manifest().cells
+    }
+
+    /// The flow iterations of the manifest, without those that are coarser than the coarse map's cells.
+    #[must_use]
+    pub fn iterations(&self) -> Vec<Iteration> {
+        let Manifest { cells, iterations, .. } = self.manifest();
+        iterations.iter().filter(|iteration| iteration.scale <= *cells).copied().collect()
     }
 
     /// Encodes a photograph of any size of at least 32×32 pixels.
@@ -159,7 +166,7 @@ impl EncodedView {
         Size::new(self.padded.width / stride, self.padded.height / stride)
     }
 
-    /// Intrinsics at the photograph's full size.
+    /// Intrinsics at the enlarged photograph's size.
     pub(crate) fn intrinsics(&self) -> Intrinsics {
         self.camera.intrinsics
     }

@@ -20,8 +20,8 @@ use crate::{EncodedView, Iteration, NetError, Network};
 /// How depth maps are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatorOptions {
-    /// The flow iterations, coarse to fine; the last one's scale is the depth map's. Those that are coarser than the
-    /// coarse map's cells are left out.
+    /// The flow iterations, coarse to fine, none coarser than the network's cells; the last one's scale is the depth
+    /// map's.
     pub iterations: Vec<Iteration>,
     /// How maps at 1/8 are completed where images are blank; `None`: not at all.
     pub completion: Option<Completion>,
@@ -55,12 +55,18 @@ impl EstimatorOptions {
     #[must_use]
     pub fn of(network: &Network) -> Self {
         Self {
-            iterations: network.manifest().iterations.clone(),
+            iterations: network.iterations(),
             completion: network.manifest().completion,
             guide: network.manifest().guide,
             slab_bytes: 32 << 20,
             strip_points: 200_000,
         }
+    }
+
+    /// Whether depth maps are as with the network's own defaults: slabs and strips change nothing.
+    fn is_of(&self, network: &Network) -> bool {
+        let Self { slab_bytes, strip_points, .. } = *self;
+        *self == Self { slab_bytes, strip_points, ..Self::of(network) }
     }
 }
 
@@ -90,6 +96,14 @@ impl Estimator {
     pub fn new(network: Network, options: EstimatorOptions) -> Result<Self, NetError> {
         check_iterations(&options.iterations)
             .map_err(|problem| NetError::Request(format!("the list of iterations {problem}")))?;
+        let cells = network.manifest().cells;
+        if let Some(Iteration { scale, .. }) =
+            options.iterations.iter().find(|iteration| iteration.scale > cells)
+        {
+            let problem =
+                format!("an iteration at 1/{scale} cannot refine a coarse map with cells of {cells} pixels");
+            return Err(NetError::Request(problem));
+        }
         Ok(Self { network, options })
     }
 
@@ -99,7 +113,7 @@ impl Estimator {
         &self.network
     }
 
-    /// The network, to set its mode or manifest.
+    /// The network, to set its mode or manifest; for other cells make another estimator.
     pub fn network_mut(&mut self) -> &mut Network {
         &mut self.network
     }
@@ -127,12 +141,11 @@ impl Estimator {
         scales
     }
 
-    /// The iterations that are run, with scales of the photograph as the network sees it: those of the options but
-    /// for the ones that are coarser than the coarse map.
+    /// The iterations of the options, with scales of the photograph as the network sees it.
     #[must_use]
     pub fn iterations(&self) -> Vec<Iteration> {
         let of = |&Iteration { scale, step }: &_| Iteration { scale: scale * self.network.enlarge(), step };
-        self.options.iterations.iter().map(of).filter(|iteration| iteration.scale <= COARSE_SCALE).collect()
+        self.options.iterations.iter().map(of).collect()
     }
 
     /// The options, to change them.
@@ -164,7 +177,7 @@ impl Estimator {
     }
 
     /// The depth map of `reference` by comparison with `sources` on `planes`, at the scale of the last
-    /// iteration (1/8 if there are none), with the camera of that size.
+    /// iteration (that of the coarse map's cells if there are none), with the camera of that size.
     ///
     /// # Errors
     /// If there are no sources, the module breaks its contract, or memory runs out.
@@ -303,12 +316,11 @@ impl Estimator {
         (self.options.strip_points / (hypotheses * reference.size_at(COARSE_SCALE).width)).max(8)
     }
 
-    /// The confidence as the share of pixels that are right, if the network was calibrated with the
-    /// iterations that were run.
+    /// The confidence as the share of pixels that are right, if the network was calibrated with what was run.
     pub(crate) fn calibrated(&self, confidence: Grid<f32>) -> Grid<f32> {
         let manifest = self.network.manifest();
         match &manifest.calibration {
-            Some(map) if self.options.iterations == manifest.iterations => {
+            Some(map) if self.options.is_of(&self.network) => {
                 confidence.map(|&value| map.at(f64::from(value)) as f32)
             }
             _ => confidence,

@@ -162,7 +162,8 @@ impl Network {
     /// hour. Tells how much they give.
     fn probe(&self) -> Result<Widths, NetError> {
         let aggregation = self.manifest.aggregation;
-        let (planes, side, points) = (8, 4, 40);
+        let (planes, side, pixels) = (8, 4, 8);
+        let points = pixels * (2 * self.manifest.hypotheses as i64 + 1);
         let f32 = (Kind::Float, self.device);
         let image = Tensor::f_rand([1, 3, side * 8, side * 8], f32)?;
         let coarse = self.encode_coarse(&image)?;

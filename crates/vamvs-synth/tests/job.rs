@@ -188,7 +188,7 @@ fn the_files_are_one_scene() {
         for (index, view) in loaded.scene.views.iter().enumerate() {
             let size = view.camera.size;
             let depth = pfm::read_depth(&folder.depth(index)).unwrap();
-            let tiles = visibility::read(&folder.visibility(index), size).unwrap();
+            let tiles = visibility::read(&folder.visibility(index), size, pairs.len()).unwrap();
             let range = view.depth_range.unwrap();
             let inside = |&z: &f32| z == 0.0 || (range.near..range.far).contains(&f64::from(z));
             assert!(depth.data().iter().all(inside) && depth.data().iter().any(|&z| z > 0.0));

@@ -25,8 +25,8 @@ pub struct Calibration {
 /// others are measured.
 ///
 /// # Errors
-/// If a file is wrong, the module breaks its contract or knows no `set_manifest`, memory runs out, or no
-/// pixel has a true depth.
+/// If there are fewer than two reference views, a file is wrong, the module breaks its contract or knows no
+/// `set_manifest`, memory runs out, or no pixel has a true depth.
 pub fn calibrate(
     estimator: &mut Estimator,
     dataset: &Dataset,
@@ -36,13 +36,16 @@ pub fn calibrate(
     manifest.calibration = None;
     estimator.network_mut().set_manifest(manifest.clone())?;
     let references = dataset.references();
-    let count = options.references.clamp(2, references.len().max(2));
+    if references.len() < 2 {
+        return Err(TrainError::NothingToCalibrate);
+    }
+    let count = options.references.clamp(2, references.len());
     let (mut fitted, mut measured) = (Vec::new(), Vec::new());
     for index in 0..count {
         let (scene, view) = references[index * references.len() / count];
         let sample = whole(&dataset.scenes[scene], view, options)?;
         let map = estimate(estimator, &sample)?;
-        let truth = sample.true_depths(sample.photos[0].camera.size.width / map.depth.width());
+        let truth = sample.true_depths(map.scale_in(&sample.photos[0].camera));
         let of_view = outcomes(&map.depth, &map.confidence, &truth);
         let set = if index % 2 == 0 { &mut fitted } else { &mut measured };
         set.extend(of_view);

@@ -4,13 +4,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use tch::Tensor;
+use tch::{Kind, Tensor};
 use vamvs_io::{IoError, atomic};
 use vamvs_net::{Device, Network};
 
 use crate::TrainError;
 use crate::optimizer::Optimizer;
 use crate::options::TrainOptions;
+use crate::validate::Validation;
 
 /// Checkpoints that are kept.
 const KEPT: usize = 3;
@@ -24,10 +25,14 @@ const STATE: &str = "state.json";
 pub struct State {
     /// Steps done; with the seed it is the position in the data, too.
     pub step: usize,
+    /// The hash of the network that the run began with.
+    pub network: String,
     /// The options that the run began with.
     pub options: TrainOptions,
     /// The scenes, by name, that it learns from.
     pub scenes: Vec<String>,
+    /// The scenes, by name, that it is measured with, and how.
+    pub measured: (Vec<String>, Validation),
     /// The best score so far (see [`crate::Scores::failures`]).
     pub best: Option<f64>,
 }
@@ -80,7 +85,7 @@ impl Checkpoints {
         state: &State,
     ) -> Result<PathBuf, TrainError> {
         let folder = self.folder.join(format!("step-{:08}", state.step));
-        let unfinished = self.folder.join(format!("unfinished-{:08}", state.step));
+        let unfinished = self.folder.join("unfinished");
         if unfinished.exists() {
             fs::remove_dir_all(&unfinished).map_err(|source| system("remove", &unfinished, source))?;
         }
@@ -98,6 +103,22 @@ impl Checkpoints {
         }
         Ok(folder)
     }
+}
+
+/// A hash of all that a network learns from its module: the parameters and the manifest.
+///
+/// # Errors
+/// If the module does not tell its parameters.
+pub fn hash(network: &Network) -> Result<String, TrainError> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(serde_json::to_string(network.manifest()).expect("a manifest is plain data").as_bytes());
+    for (name, value) in network.parameters()? {
+        let value = Vec::<f32>::try_from(value.f_to_kind(Kind::Float)?.f_flatten(0, -1)?)?;
+        hasher.update(name.as_bytes());
+        let bytes: Vec<u8> = value.iter().flat_map(|value| value.to_le_bytes()).collect();
+        hasher.update(&bytes);
+    }
+    Ok(hasher.finalize().to_hex().to_string())
 }
 
 /// The network of a checkpoint.

@@ -11,6 +11,7 @@ use vamvs_picture::{Chart, Curve, Page};
 use crate::TrainError;
 use crate::checkpoint::system;
 use crate::event::{StepRecord, TrainEvent, ValidationRecord};
+use crate::validate::stage_name;
 
 /// Points of a curve; steps between them are averaged.
 const POINTS: usize = 300;
@@ -119,10 +120,6 @@ impl Log {
 fn is_of_first(line: &str, step: usize) -> bool {
     let value: Value = serde_json::from_str(line).unwrap_or(Value::Null);
     value["step"].as_u64().is_some_and(|of| of <= step as u64)
-}
-
-fn stage_name(stage: usize) -> String {
-    if stage == 0 { "coarse".to_owned() } else { format!("iteration {stage}") }
 }
 
 /// A curve of means over equally many steps.

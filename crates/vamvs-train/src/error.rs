@@ -43,18 +43,23 @@ pub enum TrainError {
         /// What is wrong and what to do.
         problem: String,
     },
-    /// The loss is no number any more.
+    /// The loss or the gradient is no number any more.
     #[error(
-        "the loss became {loss} at step {step}: lower the learning rate, or go on from an earlier checkpoint"
+        "the {what} became {value} at step {step}: lower the learning rate, or go on from an earlier checkpoint"
     )]
     Diverged {
+        /// Which of the two.
+        what: &'static str,
+        /// Its value.
+        value: f64,
         /// The step.
         step: usize,
-        /// The loss.
-        loss: f64,
     },
-    /// No pixel of the scenes has a true depth.
-    #[error("there is nothing to calibrate with: no pixel of the scenes has a true depth")]
+    /// There are too few views, or no pixel of them has a true depth.
+    #[error(
+        "there is nothing to calibrate with: expected true depths in two reference views at least, one to fit to \
+         and one to measure"
+    )]
     NothingToCalibrate,
     /// A tensor operation failed: out of memory, as a rule.
     #[error("a tensor operation failed (out of memory? try a smaller crop, fewer views or fewer planes)")]

@@ -2,7 +2,7 @@
 
 use tch::{Kind, TchError, Tensor};
 
-use crate::forward::{Output, StageOutput};
+use crate::forward::{Learning, Output, StageOutput};
 use crate::options::LossOptions;
 
 /// Planes off within which the coarse depth itself is corrected, beside the probabilities of the planes.
@@ -18,11 +18,18 @@ pub struct Losses {
     pub visibility: f64,
 }
 
-/// Compares a network's output with the truth; `hypotheses` to each side of a point (m).
+/// Compares a network's output with the truth; `hypotheses` to each side of a point (m). What does not learn is
+/// compared, but not minimised.
 ///
 /// # Errors
 /// If memory runs out.
-pub fn losses(output: &Output, hypotheses: usize, options: &LossOptions) -> Result<Losses, TchError> {
+pub fn losses(
+    output: &Output,
+    hypotheses: usize,
+    learning: Learning,
+    options: &LossOptions,
+) -> Result<Losses, TchError> {
+    let coarse_learns = learning != Learning::Flow;
     let mut total = Sum::default();
     let mut stages = Vec::new();
     for stage in &output.stages {
@@ -30,6 +37,7 @@ pub fn losses(output: &Output, hypotheses: usize, options: &LossOptions) -> Resu
         let loss = stage_loss(stage, reach)?;
         stages.push(loss.as_ref().map_or(f64::NAN, value));
         match &stage.costs {
+            Some(_) if !coarse_learns => (),
             Some(costs) if options.cross_entropy > 0.0 => {
                 total.add(cross_entropy(costs, &stage.truth)?, options.cross_entropy)?;
                 total.add(near_loss(stage)?, 1.0)?;
@@ -42,7 +50,9 @@ pub fn losses(output: &Output, hypotheses: usize, options: &LossOptions) -> Resu
         masks.add(mean_difference(mask, truth, None)?, 1.0 / output.visibility.len() as f64)?;
     }
     let visibility = masks.0.as_ref().map_or(f64::NAN, value);
-    total.add(masks.0, options.visibility)?;
+    if coarse_learns {
+        total.add(masks.0, options.visibility)?;
+    }
     Ok(Losses { total: total.0, stages, visibility })
 }
 
@@ -143,7 +153,7 @@ mod tests {
             ],
         };
         let options = LossOptions { visibility: 0.1, flow_reach: 2.0, cross_entropy: 0.0 };
-        let losses = losses(&output, 2, &options).unwrap();
+        let losses = losses(&output, 2, Learning::All, &options).unwrap();
         assert!((losses.stages[0] - 1.5).abs() < 1e-6);
         assert!((losses.stages[1] - 1.0).abs() < 1e-6, "10 planes off is out of reach: {:?}", losses.stages);
         assert!((losses.visibility - (0.5 + 0.05) / 2.0).abs() < 1e-6);
@@ -152,9 +162,21 @@ mod tests {
     }
 
     #[test]
+    fn where_the_flow_learns_alone_its_loss_alone_is_minimised() {
+        let mut coarse = stage(&[1.0], &[], &[2.0], 1.0);
+        coarse.costs = Some(Tensor::zeros([8, 1, 1], (Kind::Float, tch::Device::Cpu)));
+        let mask = (Tensor::from_slice(&[0.5_f32]), Tensor::from_slice(&[1.0_f32]));
+        let output =
+            Output { stages: vec![coarse, stage(&[1.5], &[1.0], &[2.0], 1.0)], visibility: vec![mask] };
+        let losses = losses(&output, 2, Learning::Flow, &LossOptions::default()).unwrap();
+        assert_eq!((losses.stages, losses.visibility), (vec![1.0, 0.5], 0.5));
+        assert_eq!(value(&losses.total.unwrap()), 0.5);
+    }
+
+    #[test]
     fn without_truth_there_is_nothing_to_learn() {
         let output = Output { stages: vec![stage(&[1.0], &[], &[f32::NAN], 1.0)], visibility: Vec::new() };
-        let losses = losses(&output, 2, &LossOptions::default()).unwrap();
+        let losses = losses(&output, 2, Learning::All, &LossOptions::default()).unwrap();
         assert!(losses.total.is_none() && losses.stages[0].is_nan());
     }
 
@@ -178,7 +200,7 @@ mod tests {
         coarse.costs = Some(costs);
         let output = Output { stages: vec![coarse], visibility: Vec::new() };
         let options = LossOptions { cross_entropy: 0.5, ..LossOptions::default() };
-        let total = value(&losses(&output, 2, &options).unwrap().total.unwrap());
+        let total = value(&losses(&output, 2, Learning::Coarse, &options).unwrap().total.unwrap());
         assert!((total - (0.5 * 8.0_f64.ln() + 0.5)).abs() < 1e-6, "{total}");
     }
 }

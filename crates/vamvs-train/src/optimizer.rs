@@ -48,13 +48,16 @@ impl Optimizer {
     }
 
     /// Follows the accumulated gradients at a learning rate and forgets them. Returns their norm before
-    /// clipping.
+    /// clipping; if that is not finite, the weights are left as they were.
     ///
     /// # Errors
     /// If memory runs out.
     pub fn step(&mut self, learning_rate: f64) -> Result<f64, TchError> {
         tch::no_grad(|| {
             let norm = self.gradient_norm()?;
+            if !norm.is_finite() {
+                return Ok(norm);
+            }
             let clip = self.options.clip;
             let factor = if clip > 0.0 && norm > clip { clip / norm } else { 1.0 };
             for weight in &mut self.weights {

@@ -1,5 +1,7 @@
 //! One sample: a cut-out of a reference view with sources, its planes and its truth.
 
+use std::path::PathBuf;
+
 use nalgebra::Vector2;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -23,7 +25,7 @@ use crate::validate::Validation;
 
 /// How much larger than the reference's the cut-outs of source views are.
 const SOURCE_MARGIN: f64 = 1.2;
-/// Share of the reference's cut-out that must have a true depth, and how often another place is tried.
+/// Share of the reference's cut-out that must have a true depth, and how often another place or view is tried.
 const LEAST_KNOWN: f64 = 0.3;
 const TRIES: usize = 8;
 /// Shares of the true depths beyond the ends of a range.
@@ -123,7 +125,7 @@ pub fn centres(side: usize, scale: usize) -> Vec<f64> {
 /// Draws sample `number` of a run: a function of the seed and the number alone.
 ///
 /// # Errors
-/// If a file cannot be read, or a reference view has no true depth at all.
+/// If a file cannot be read, or none of several reference views has any true depth.
 pub fn draw(
     dataset: &Dataset,
     options: &SampleOptions,
@@ -131,12 +133,9 @@ pub fn draw(
     number: u64,
 ) -> Result<Sample, TrainError> {
     let mut rng = Pcg64::seed_from_u64(seed ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(17));
-    let references = dataset.references();
-    let (scene, reference) = references[rng.random_range(0..references.len())];
-    let scene = &dataset.scenes[scene];
+    let (scene, reference, depth) = draw_reference(dataset, &mut rng)?;
     let sources = choose_sources(&scene.sources[reference], options.views, &mut rng);
-    let depth = pfm::read_depth(&scene.views[reference].depth)?;
-    let cut = cut_reference(&scene.views[reference], &depth, options, &mut rng)?;
+    let cut = cut_reference(&scene.views[reference], &depth, options, &mut rng);
     let mut photos = vec![photo(&scene.views[reference], &cut, options, &mut rng)?];
     // Some scenes have good cameras, some bad ones.
     let noise = options.camera_noise * normal(&mut rng).exp();
@@ -147,9 +146,33 @@ pub fn draw(
         photos.push(photo);
     }
     let planes = planes(&depth, &photos, options, &scene.views[reference], &mut rng)?;
-    let truth = truth(&scene.views[reference], depth, &sources, &cut)?;
+    let truth = truth(scene, reference, depth, &sources, &cut)?;
     let lattice = [rng.random(), rng.random()];
     Ok(Sample { photos, planes, truth, lattice, true_visibility: options.true_visibility })
+}
+
+/// A random view that has sources and true depths, with these.
+fn draw_reference<'a>(
+    dataset: &'a Dataset,
+    rng: &mut impl Rng,
+) -> Result<(&'a TrainingScene, usize, Grid<f32>), TrainError> {
+    let references = dataset.references();
+    let mut without = Vec::new();
+    while without.len() < TRIES {
+        let (scene, reference) = references[rng.random_range(0..references.len())];
+        let scene = &dataset.scenes[scene];
+        let file = &scene.views[reference].depth;
+        let depth = pfm::read_depth(file)?;
+        if depth.data().iter().copied().any(is_valid) {
+            return Ok((scene, reference, depth));
+        }
+        without.push(file.clone());
+    }
+    Err(no_truth(without.swap_remove(0), &format!("found none, nor in {} others", TRIES - 1)))
+}
+
+fn no_truth(depth: PathBuf, found: &str) -> TrainError {
+    TrainError::NoScenes { folder: depth, problem: format!("expected true depths greater than 0, {found}") }
 }
 
 /// A random number of sources, in random order.
@@ -202,13 +225,8 @@ impl Cut {
     }
 }
 
-/// A random place of the reference at a random scale, where enough truth is known.
-fn cut_reference(
-    view: &TrainingView,
-    depth: &Grid<f32>,
-    options: &SampleOptions,
-    rng: &mut impl Rng,
-) -> Result<Cut, TrainError> {
+/// A random place of the reference at a random scale, where enough truth is known, or else some of it.
+fn cut_reference(view: &TrainingView, depth: &Grid<f32>, options: &SampleOptions, rng: &mut impl Rng) -> Cut {
     let image = view.camera.size;
     let fitting = (0..2)
         .map(|axis| [image.width, image.height][axis] as f64 / options.crop[axis] as f64)
@@ -217,25 +235,28 @@ fn cut_reference(
     let most = fitting.min(1.0 / options.min_scale);
     let step = if most > 1.0 { rng.random_range(1.0..=most) } else { most };
     let extent = options.crop.map(|side| side as f64 * step);
-    let mut best = None;
+    let size = Size::new(options.crop[0], options.crop[1]);
+    let around = |middle| Cut { size, ..Cut::around(middle, extent, 1.0, image) };
+    let mut best = (0.0, None);
     for _ in 0..TRIES {
-        let middle = [image.width, image.height].map(|side| side as f64 * rng.random::<f64>());
-        let mut cut = Cut::around(middle, extent, 1.0, image);
-        cut.size = Size::new(options.crop[0], options.crop[1]);
+        let cut = around([image.width, image.height].map(|side| side as f64 * rng.random::<f64>()));
         let known = known_share(&cut, view, depth);
-        if best.is_none_or(|(share, _)| known > share) {
-            best = Some((known, cut));
+        if known > best.0 {
+            best = (known, Some(cut));
         }
         if known >= LEAST_KNOWN {
             break;
         }
     }
-    let (known, cut) = best.expect("there is one try at least");
-    if known == 0.0 {
-        let problem = "expected true depths greater than 0, found none".to_owned();
-        return Err(TrainError::NoScenes { folder: view.depth.clone(), problem });
-    }
-    Ok(cut)
+    best.1.unwrap_or_else(|| around(known_place(view, depth, rng)))
+}
+
+/// The middle of a random pixel with a true depth, in the photograph's coordinates.
+fn known_place(view: &TrainingView, depth: &Grid<f32>, rng: &mut impl Rng) -> [f64; 2] {
+    let known: Vec<usize> = (0..depth.data().len()).filter(|&at| is_valid(depth.data()[at])).collect();
+    let at = known[rng.random_range(0..known.len())];
+    let [sx, sy] = stored_step(view, depth);
+    [((at % depth.width()) as f64 + 0.5) / sx, ((at / depth.width()) as f64 + 0.5) / sy]
 }
 
 /// Stored pixels in a pixel of the photograph, along both axes.
@@ -338,9 +359,14 @@ fn planes(
 
 /// The range of a view's true depths without outliers.
 fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, TrainError> {
-    let rows = (0..depth.height()).step_by(STRIDE);
-    let known = |y: usize| depth.row(y).iter().step_by(STRIDE).copied().filter(|&depth| is_valid(depth));
-    let mut depths: Vec<f32> = rows.flat_map(known).collect();
+    let known = |stride: usize| -> Vec<f32> {
+        let rows = (0..depth.height()).step_by(stride).map(|y| depth.row(y));
+        rows.flat_map(|row| row.iter().step_by(stride)).copied().filter(|&depth| is_valid(depth)).collect()
+    };
+    let mut depths = known(STRIDE);
+    if depths.is_empty() {
+        depths = known(1);
+    }
     depths.sort_by(f32::total_cmp);
     let at = |share: f64| depths.get(((depths.len() - 1) as f64 * share).round() as usize);
     let ends = (!depths.is_empty()).then(|| (at(OUTLIERS), at(1.0 - OUTLIERS)));
@@ -348,19 +374,25 @@ fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, Trai
         let (near, far) = (f64::from(*near?), f64::from(*far?));
         DepthRange::try_new(near * (1.0 - 1e-3), far * (1.0 + 1e-3)).ok()
     });
-    range.ok_or_else(|| {
-        let problem = "expected true depths greater than 0, found none".to_owned();
-        TrainError::NoScenes { folder: view.depth.clone(), problem }
-    })
+    range.ok_or_else(|| no_truth(view.depth.clone(), "found none"))
 }
 
-fn truth(view: &TrainingView, depth: Grid<f32>, sources: &[usize], cut: &Cut) -> Result<Truth, TrainError> {
+fn truth(
+    scene: &TrainingScene,
+    reference: usize,
+    depth: Grid<f32>,
+    sources: &[usize],
+    cut: &Cut,
+) -> Result<Truth, TrainError> {
+    let view = &scene.views[reference];
     let step = stored_step(view, &depth);
-    let tiles = match &view.visibility {
-        Some(path) => visibility::read(path, depth.size())?,
+    let visibility = match &view.visibility {
+        Some(path) => {
+            let tiles = visibility::read(path, depth.size(), scene.views.len())?;
+            sources.iter().map(|&source| tiles[source].clone()).collect()
+        }
         None => Vec::new(),
     };
-    let visibility = sources.iter().filter_map(|&source| tiles.get(source).cloned()).collect();
     let [sx, sy] = cut.scale();
     Ok(Truth {
         depth,
@@ -397,7 +429,7 @@ pub fn whole(scene: &TrainingScene, reference: usize, options: &Validation) -> R
     let range = DepthRange { near: range.near / WIDER, far: range.far * WIDER };
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
     let planes = Planes::fitting(range, cameras[0], &cameras[1..], options.max_planes);
-    let truth = truth(view, depth, &sources, &cut(view))?;
+    let truth = truth(scene, reference, depth, &sources, &cut(view))?;
     let true_visibility = options.true_visibility;
     Ok(Sample { photos, planes, truth, lattice: [0.0; 2], true_visibility })
 }

@@ -8,7 +8,7 @@ use tch::Tensor;
 use vamvs_io::atomic;
 use vamvs_net::{Estimator, EstimatorOptions, Mode, Network, Profile};
 
-use crate::checkpoint::{Checkpoints, State, load_network, load_state, system, write_json};
+use crate::checkpoint::{Checkpoints, State, hash, load_network, load_state, system, write_json};
 use crate::curves::Log;
 use crate::event::{StepRecord, TrainEvent, ValidationRecord};
 use crate::forward::{Learning, forward};
@@ -74,10 +74,13 @@ impl<'a> Run<'a> {
         events: &'a mut dyn FnMut(&TrainEvent),
     ) -> Result<Self, TrainError> {
         let checkpoints = Checkpoints::of(&job.out);
+        let names = |set: &Dataset| set.scenes.iter().map(|scene| scene.name.clone()).collect();
         let fresh = State {
             step: 0,
+            network: hash(&network)?,
             options: job.options.clone(),
-            scenes: job.training.scenes.iter().map(|scene| scene.name.clone()).collect(),
+            scenes: names(&job.training),
+            measured: (names(&job.validation), job.measure.clone()),
             best: None,
         };
         let (network, optimizer, state) = match checkpoints.last()? {
@@ -91,7 +94,9 @@ impl<'a> Run<'a> {
                 let mut optimizer = Optimizer::new(&network, &job.options.optimizer)?;
                 let state = load_state(&folder, &mut optimizer)?;
                 check_same_run(&folder, &state, &fresh)?;
-                (network, optimizer, state)
+                // Scores of other views tell nothing about the best by these.
+                let best = state.best.filter(|_| state.measured == fresh.measured);
+                (network, optimizer, State { best, measured: fresh.measured, ..state })
             }
         };
         let log = Log::open(&job.out.join("log.jsonl"), state.step)?;
@@ -143,19 +148,22 @@ impl<'a> Run<'a> {
             waited += waiting.elapsed().as_secs_f64();
             let output = forward(&self.estimator, &sample, learning, &mut Profile::default())?;
             let hypotheses = self.estimator.network().manifest().hypotheses;
-            let losses = losses(&output, hypotheses, &options.loss)?;
-            // Where the flow learns alone, there may be coarse depths to learn from, but none within its reach.
-            if let Some(total) = losses.total.as_ref().filter(|total| total.requires_grad()) {
+            let losses = losses(&output, hypotheses, learning, &options.loss)?;
+            if let Some(total) = &losses.total {
                 total.f_div_scalar(options.batch as f64)?.f_backward()?;
             }
             batch.push(losses);
         }
         let learning_rate = learning_rate(&options.optimizer, step, options.steps);
         let mut record = summary(&batch);
+        let diverged = |what, value| Err(TrainError::Diverged { what, value, step });
         if !record.loss.is_finite() {
-            return Err(TrainError::Diverged { step, loss: record.loss });
+            return diverged("loss", record.loss);
         }
         record.gradient = self.optimizer.step(learning_rate)?;
+        if !record.gradient.is_finite() {
+            return diverged("gradient's norm", record.gradient);
+        }
         self.state.step += 1;
         record.step = self.state.step;
         record.learning_rate = learning_rate;
@@ -223,7 +231,9 @@ fn described(mut network: Network, job: &TrainJob) -> Result<Network, TrainError
 
 /// A run goes on only as the run that it was.
 fn check_same_run(folder: &std::path::Path, state: &State, fresh: &State) -> Result<(), TrainError> {
-    let problem = if state.options != fresh.options {
+    let problem = if state.network != fresh.network {
+        "the run there was begun with another network"
+    } else if state.options != fresh.options {
         "the run there was begun with other options"
     } else if state.scenes != fresh.scenes {
         "the run there was begun with other scenes"

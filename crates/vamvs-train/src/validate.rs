@@ -18,7 +18,7 @@ const REFINED_D: f64 = 0.375;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Validation {
-    /// Views compared, the reference included.
+    /// Views compared, the reference included; beyond five only those that share enough with it.
     pub views: usize,
     /// Longer side to which photographs are reduced, pixels.
     pub max_size: usize,
@@ -91,6 +91,12 @@ impl Scores {
     pub fn failures(&self) -> f64 {
         self.stages.last().map_or(f64::NAN, |stage| stage.overall.share(stage.overall.failures))
     }
+}
+
+/// What stage number `stage` is called.
+#[must_use]
+pub fn stage_name(stage: usize) -> String {
+    if stage == 0 { "coarse".to_owned() } else { format!("iteration {stage}") }
 }
 
 /// A reference view with its maps, to look at.

@@ -98,7 +98,7 @@ pub fn prepare(job: &DepthJob) -> Result<(), VamvsError> {
 }
 
 /// The names of a view's depth maps: its own, and with `--fovea` those of its coarser maps before it, with
-/// what their size is divided by: `NAME@8`, `NAME@4`, `NAME`.
+/// what their size is divided by: `NAME@8` (with cells of 8), `NAME@4`, `NAME`.
 fn map_names(job: &DepthJob, view: usize, name: &str) -> Vec<String> {
     let coarser = |scale: &usize| format!("{name}@{scale}");
     match &job.plan.views[view] {
@@ -282,7 +282,8 @@ impl Run<'_> {
         }
         let with_colour = |map: DepthMap| {
             let size = map.depth.size();
-            let colour = image::resize(&whole_cells(&reference.photo.image, size), size);
+            let scale = map.scale_in(&reference.photo.camera);
+            let colour = image::resize(&covered(&reference.photo.image, size, scale), size);
             (map, colour)
         };
         let maps = maps.into_iter().map(with_colour).collect();
@@ -374,24 +375,23 @@ impl Run<'_> {
             }
         };
         if let Some(mask) = &photo.mask {
-            maps.iter_mut().for_each(|map| remove_masked(map, mask));
+            maps.iter_mut().for_each(|map| remove_masked(map, mask, map.scale_in(&photo.camera)));
         }
         Ok(maps)
     }
 }
 
-/// Leaves no depth where the mask says not to look.
-fn remove_masked(map: &mut DepthMap, mask: &Grid<bool>) {
+/// Leaves no depth where the mask of the photograph says not to look.
+fn remove_masked(map: &mut DepthMap, mask: &Grid<bool>, scale: usize) {
     let size = map.depth.size();
-    let mask = whole_cells(mask, size).resized_nearest(size);
+    let mask = covered(mask, size, scale).resized_nearest(size);
     let pixels = map.depth.data_mut().iter_mut().zip(mask.data());
     pixels.filter(|(_, counts)| !**counts).for_each(|(depth, _)| *depth = 0.0);
 }
 
-/// The part of a photograph that a depth map of `size` covers: sides that are no multiple of the depth
-/// map's scale lose their last pixels.
-fn whole_cells<T: Clone>(image: &Grid<T>, size: Size) -> Grid<T> {
-    let scale = image.width() / size.width;
+/// The part of a photograph that a depth map of `size` at 1/scale covers: sides that are no multiple of the scale
+/// lose their last pixels.
+fn covered<T: Clone>(image: &Grid<T>, size: Size, scale: usize) -> Grid<T> {
     let covered = Size::new(size.width * scale, size.height * scale);
     Grid::from_fn(covered, |x, y| image[(x, y)].clone())
 }
@@ -432,7 +432,7 @@ fn widened(region: PixelBox, size: Size) -> PixelBox {
 /// The map of a part of the image, at its place in a map of the whole, without depth outside of
 /// `region`.
 fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBox) -> DepthMap {
-    let scale = (camera.intrinsics.fx / part.camera.intrinsics.fx).round() as usize;
+    let scale = part.scale_in(&camera);
     let size = Size::new(camera.size.width / scale, camera.size.height / scale);
     let ratio = 1.0 / scale as f64;
     let inside = |x: usize, y: usize| {

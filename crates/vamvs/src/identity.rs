@@ -1,7 +1,7 @@
 //! The hash of all that makes a depth map: equal hashes, equal maps.
 
 use vamvs_core::{Scene, View};
-use vamvs_net::Estimator;
+use vamvs_net::{Estimator, EstimatorOptions};
 
 use crate::{Photographs, ViewPlan};
 
@@ -21,8 +21,11 @@ impl Identity {
     pub fn new(module: &[u8], estimator: &Estimator, scene: &Scene, photographs: &Photographs) -> Self {
         use rayon::prelude::*;
         // Slabs and strips bound the memory and change nothing of the result.
-        let (cells, iterations) = (estimator.network().manifest().cells, &estimator.options().iterations);
-        let common = format!("{PIPELINE_VERSION} {} {cells} {iterations:?}", blake3::hash(module));
+        let cells = estimator.network().manifest().cells;
+        let EstimatorOptions { iterations, completion, guide, slab_bytes: _, strip_points: _ } =
+            estimator.options();
+        let module = blake3::hash(module);
+        let common = format!("{PIPELINE_VERSION} {module} {cells} {iterations:?} {completion:?} {guide:?}");
         Self { common, views: scene.views.par_iter().map(|view| hash_view(view, photographs)).collect() }
     }
 

@@ -30,7 +30,7 @@ pub struct CalibrateArguments {
     /// Reference views, spread evenly over the scenes.
     #[arg(long, value_name = "N", default_value_t = 40)]
     pub references: usize,
-    /// Views compared, the reference included.
+    /// Views compared for a depth map, as with `vamvs depth --views`.
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub views: usize,
     /// auto, cpu, cuda or cuda:N.

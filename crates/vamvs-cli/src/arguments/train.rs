@@ -154,7 +154,7 @@ pub struct WatchingFlags {
 /// Values for all that is not given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum TrainPreset {
-    /// Small cut-outs, many steps: what the shipped weights were trained with.
+    /// Small cut-outs, many steps.
     Compact,
     /// The paper's values.
     Paper,

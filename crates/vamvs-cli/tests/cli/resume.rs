@@ -81,6 +81,39 @@ fn a_preview_is_smaller_is_recorded_and_gives_way_to_flags() {
 }
 
 #[test]
+fn iterations_are_counted_from_the_coarse_cells_of_the_network() {
+    let scene = Scene::new(64, 48, 2);
+    // The default network has cells of 4: one iteration ends where the coarse map is, and refines it.
+    let map = |iterations: &str| {
+        let fixed = ["--planes", "8", "--quiet", "--force", "--iterations", iterations];
+        expect_success(&scene.run("depth", &fixed));
+        vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap()
+    };
+    let [none, one, two] = ["0", "1", "2"].map(map);
+    assert_eq!([none.size(), one.size()], [vamvs::core::Size::new(16, 12); 2]);
+    assert_eq!(two.size(), vamvs::core::Size::new(32, 24));
+    assert_ne!(none.data(), one.data());
+}
+
+#[test]
+fn coarse_maps_of_small_photographs_have_the_colours_of_their_place() {
+    // Of 36 pixels four are lost in cells of 8, so many that the sizes would tell cells of 9.
+    let scene = Scene::new(36, 64, 2);
+    let fixed = ["--weights", "photometric", "--iterations", "0", "--planes", "8", "--quiet"];
+    expect_success(&scene.run("depth", &fixed));
+    let colours = vamvs::io::image::load_rgb(&scene.out().join("images/0000.png")).unwrap();
+    assert_eq!(colours.size(), vamvs::core::Size::new(4, 8));
+    let photograph = &scene.views[0].photo.image;
+    let cell = vamvs::core::Grid::from_fn(vamvs::core::Size::new(8, 8), |x, y| photograph[(24 + x, 56 + y)]);
+    let mean = |channel: usize| {
+        cell.data().iter().map(|pixel| f64::from(pixel[channel])).sum::<f64>() / cell.data().len() as f64
+    };
+    for channel in 0..3 {
+        assert!((f64::from(colours[(3, 7)][channel]) - mean(channel)).abs() < 24.0, "{:?}", colours[(3, 7)]);
+    }
+}
+
+#[test]
 fn enlarged_photographs_give_larger_maps_and_smaller_cells_more_that_is_right() {
     let scene = Scene::new(256, 192, 3);
     let truth = &scene.views[0].depth;

@@ -148,7 +148,7 @@ readers! {
     tnt_volume: fixture::tnt, BASE, |f| tnt::read_volume(&f.join("volume.json")).is_ok();
     tnt_alignment: fixture::tnt, BASE, |f| tnt::read_alignment(&f.join("alignment.txt")).is_ok();
     visibility_tiles: fixture::visibility, PICTURE, |f| {
-        visibility::read(&f.join("v.png"), Size::new(SIZE.width, SIZE.height / 2)).is_ok()
+        visibility::read(&f.join("v.png"), Size::new(SIZE.width, SIZE.height / 2), 2).is_ok()
     };
 }
 

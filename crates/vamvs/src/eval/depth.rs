@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use serde::Serialize;
-use vamvs_core::{DepthMap, Grid, Size, Visibility};
+use vamvs_core::{DepthMap, Grid, Rgb, Size, Visibility};
 use vamvs_eval::depth::{MapPair, PlaneUnit};
 use vamvs_eval::reliability::outcomes;
 use vamvs_eval::{DepthErrors, DepthSamples, PixelMap, Region, Reliability, Threshold};
@@ -12,7 +12,7 @@ use vamvs_fusion::MapSource;
 use vamvs_io::masks::Masks;
 use vamvs_io::{depth, visibility};
 
-use crate::{Event, Maps, OutputFolder, VamvsError};
+use crate::{Event, Maps, VamvsError};
 
 /// Poses that differ by more than this, as a share of a median depth or in radians, are of other cameras.
 const SAME_POSE: f64 = 0.01;
@@ -113,11 +113,10 @@ impl DepthScene {
     ) -> Result<Self, VamvsError> {
         let prediction = Maps::open(prediction, Masks::None, on_event)?;
         let truth = Maps::open(truth, Masks::None, on_event)?;
-        let records = OutputFolder::new(prediction.root());
         let place = |name: &String| truth.names().iter().position(|other| other == name);
         let view = |(predicted, name): (usize, &String)| {
             let true_map = place(name)?;
-            let record = records.saved(name);
+            let record = prediction.record(predicted);
             let planes = record.as_ref().and_then(|record| record.planes).map(PlaneUnit::Planes);
             let recorded = record.iter().flat_map(|record| &record.sources).filter_map(place).collect();
             let sources = sources(&truth, true_map, recorded);
@@ -184,6 +183,14 @@ impl DepthScene {
     #[must_use]
     pub fn name(&self, view: usize) -> &str {
         &self.prediction.names()[self.views[view].predicted]
+    }
+
+    /// The photograph of a view at its depth map's size.
+    ///
+    /// # Errors
+    /// If a file cannot be read.
+    pub fn photograph(&self, view: usize) -> Result<Grid<Rgb>, VamvsError> {
+        Ok(self.prediction.load(self.views[view].predicted)?.colour)
     }
 
     /// Whether it is known of all views what a plane distance is.
@@ -271,12 +278,7 @@ impl DepthScene {
         if !path.is_file() {
             return Ok(None);
         }
-        let tiles = visibility::read(&path, size)?;
-        if tiles.len() != self.truth.len() {
-            let problem =
-                format!("expected a tile for each of the {} views, found {}", self.truth.len(), tiles.len());
-            return Err(VamvsError::Folder { path, problem });
-        }
+        let tiles = visibility::read(&path, size, self.truth.len())?;
         let sources = &self.views[view].sources;
         let at = |x, y| seen_by_all(sources.iter().map(|&source| tiles[source][(x, y)]));
         Ok(Some(Grid::from_fn(size, at)))

@@ -164,10 +164,7 @@ impl SceneEvaluation {
         ]);
         let shown = SHOWN.min(self.maps.len());
         for view in (0..shown).map(|index| index * self.maps.len() / shown) {
-            let name = self.maps.name(view);
-            let place = self.maps.prediction().names().iter().position(|other| other == name);
-            let photograph = self.maps.prediction().load(place.unwrap_or(view))?.colour;
-            self.strip(page, view, photograph)?;
+            self.strip(page, view, self.maps.photograph(view)?)?;
         }
         Ok(())
     }

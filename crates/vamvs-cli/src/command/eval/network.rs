@@ -8,7 +8,7 @@ use serde::Serialize;
 use vamvs::eval::page::percent;
 use vamvs::net::{Estimator, EstimatorOptions, open_device};
 use vamvs::weights;
-use vamvs_train::validate::{Region, StageScores};
+use vamvs_train::validate::{Region, StageScores, stage_name};
 use vamvs_train::{Dataset, Scores, Validation, validate};
 
 use super::begin;
@@ -21,7 +21,7 @@ use crate::heap::KeptBlocks;
 struct Measured {
     network: String,
     views: usize,
-    /// Time for a depth map, features of all its views included.
+    /// Time for a depth map: reading and encoding its views, estimating, comparing with the truth.
     seconds: f64,
     scores: Scores,
 }
@@ -76,8 +76,7 @@ fn table(all: &[Measured]) -> Table {
     for measured in all {
         for (index, stage) in measured.scores.stages.iter().enumerate() {
             let name = if index == 0 { measured.network.clone() } else { String::new() };
-            let stage_name = if index == 0 { "coarse".to_owned() } else { format!("iteration {index}") };
-            rows(&mut table, [name, measured.views.to_string(), stage_name], stage);
+            rows(&mut table, [name, measured.views.to_string(), stage_name(index)], stage);
         }
     }
     table
