@@ -336,6 +336,10 @@ pub struct DepthFlags {
     /// Pixels with red, green and blue all below LEVEL, of 255, count as masked: a black backdrop [default: 0, none].
     #[arg(long, value_name = "LEVEL")]
     pub min_brightness: Option<u8>,
+    /// Pixels with red, green and blue all above LEVEL, of 255, count as masked: a white backdrop, but highlights too
+    /// [default: 255, none].
+    #[arg(long, value_name = "LEVEL")]
+    pub max_brightness: Option<u8>,
     /// Width of the first, coarse map's cells: 8 pixels of the photograph, or 4, which see thin things and keep
     /// edges, but take three times the time [default: the network's, 4 for vis-max, 8 for photometric].
     #[arg(long, value_name = "PIXELS")]

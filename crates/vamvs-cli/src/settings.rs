@@ -213,6 +213,7 @@ mod depth {
             set(&mut depth.max_size, flags.max_size);
             set(&mut depth.enlarge, flags.enlarge);
             set(&mut depth.min_brightness, flags.min_brightness);
+            set(&mut depth.max_brightness, flags.max_brightness);
             set(&mut depth.cells, flags.cells.map(Some));
             set(&mut depth.views, flags.views);
             set(&mut depth.planes, flags.planes.map(Some));

@@ -33,7 +33,7 @@ impl Identity {
     pub fn of(&self, view: usize, plan: &ViewPlan, photographs: &Photographs) -> String {
         let mut hasher = blake3::Hasher::new();
         let (max_size, enlarge) = (photographs.max_size(), photographs.enlarge());
-        let sized = format!("{} {max_size} {enlarge} {}", self.common, photographs.min_brightness());
+        let sized = format!("{} {max_size} {enlarge} {:?}", self.common, photographs.brightness());
         hasher.update(sized.as_bytes());
         hasher.update(format!("{:?} {:?} {}", plan.planes, plan.region, plan.foveated).as_bytes());
         for view in std::iter::once(view).chain(plan.sources.iter().copied()) {

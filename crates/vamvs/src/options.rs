@@ -19,6 +19,8 @@ pub struct DepthOptions {
     pub enlarge: f64,
     /// Pixels all of whose channels are darker, grey values, count as masked: a black backdrop. 0: none.
     pub min_brightness: u8,
+    /// Pixels all of whose channels are brighter, grey values, count as masked: a white backdrop. 255: none.
+    pub max_brightness: u8,
     /// Width of the coarse map's cells, pixels of a photograph: 8 or 4, which lose what is smaller than they are;
     /// by default the network's own.
     pub cells: Option<usize>,
@@ -51,6 +53,7 @@ impl Default for DepthOptions {
             max_size: 1280,
             enlarge: 1.0,
             min_brightness: 0,
+            max_brightness: 255,
             cells: None,
             views: 5,
             planes: None,

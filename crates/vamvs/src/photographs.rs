@@ -16,15 +16,17 @@ pub struct Photographs {
     masks: Masks,
     max_size: usize,
     enlarge: f64,
-    min_brightness: u8,
+    /// The darkest and the brightest grey value that a pixel of a thing has.
+    brightness: [u8; 2],
 }
 
 impl Photographs {
     /// Photographs in `images`, with their masks (0 = ignore), at the size that the options ask for.
     #[must_use]
     pub fn new(images: &Path, masks: Masks, options: &DepthOptions) -> Self {
-        let DepthOptions { max_size, enlarge, min_brightness, .. } = *options;
-        Self { images: images.to_owned(), masks, max_size, enlarge, min_brightness }
+        let DepthOptions { max_size, enlarge, min_brightness, max_brightness, .. } = *options;
+        let brightness = [min_brightness, max_brightness];
+        Self { images: images.to_owned(), masks, max_size, enlarge, brightness }
     }
 
     /// The same photographs, reduced to `max_size` pixels on the longer side.
@@ -45,10 +47,10 @@ impl Photographs {
         self.enlarge
     }
 
-    /// Grey values below which a pixel is backdrop.
+    /// Grey values below and above which a pixel is backdrop.
     #[cfg(feature = "net")]
-    pub(crate) fn min_brightness(&self) -> u8 {
-        self.min_brightness
+    pub(crate) fn brightness(&self) -> [u8; 2] {
+        self.brightness
     }
 
     /// The folder of photographs.
@@ -82,7 +84,7 @@ impl Photographs {
     }
 
     /// Reads, undistorts and resizes a view's photograph, with its mask: file, alpha channel, what undistortion
-    /// leaves empty and what is too dark together. The second value is a note for the user.
+    /// leaves empty, and what is too dark or too bright, together. The second value is a note for the user.
     ///
     /// # Errors
     /// If a file cannot be read or its size contradicts the camera's.
@@ -97,11 +99,11 @@ impl Photographs {
         let mask = undistortion.mask(mask.as_ref());
         let size = self.working_size(camera.size);
         let image = resized(undistortion.image(&loaded.rgb), size);
-        let bright = (self.min_brightness > 0).then(|| bright(&image, self.min_brightness));
+        let foreground = (self.brightness != [0, 255]).then(|| foreground(&image, self.brightness));
         let photo = Photo {
             camera: undistortion.pinhole().resized(size),
             cam_from_world: view.cam_from_world,
-            mask: both(mask.map(|mask| mask.resized_nearest(size)), bright),
+            mask: both(mask.map(|mask| mask.resized_nearest(size)), foreground),
             image,
         };
         Ok((photo, loaded.note.map(|note| format!("{}: {note}", view.name))))
@@ -125,9 +127,9 @@ fn resized(image: Grid<vamvs_core::Rgb>, size: Size) -> Grid<vamvs_core::Rgb> {
     if image.size() == size { image } else { image::resize(&image, size) }
 }
 
-/// Pixels of which some channel has at least `least`.
-fn bright(image: &Grid<vamvs_core::Rgb>, least: u8) -> Grid<bool> {
-    image.map(|rgb| rgb.iter().any(|&channel| channel >= least))
+/// Pixels of which some channel has `least` or more, and some has `most` or less.
+fn foreground(image: &Grid<vamvs_core::Rgb>, [least, most]: [u8; 2]) -> Grid<bool> {
+    image.map(|rgb| rgb.iter().any(|&channel| channel >= least) && rgb.iter().any(|&channel| channel <= most))
 }
 
 fn both(a: Option<Grid<bool>>, b: Option<Grid<bool>>) -> Option<Grid<bool>> {

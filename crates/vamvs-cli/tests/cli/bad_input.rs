@@ -219,22 +219,27 @@ fn masks_leave_no_depth_and_a_wrong_folder_of_masks_is_an_error() {
 }
 
 #[test]
-fn a_black_backdrop_has_no_depth_if_that_is_asked_for() {
+fn a_black_or_white_backdrop_has_no_depth_if_that_is_asked_for() {
     let scene = small();
     let photograph = scene.path("images/0001.png");
     let lit = image::load_rgb(&photograph).unwrap();
-    let dark = |x: usize| x < 48;
-    let before_black =
-        Grid::from_fn(lit.size(), |x, y| if dark(x) { [9, 3, 15] } else { lit[(x, y)].map(|c| c.max(16)) });
-    image::save_png_rgb(&photograph, &before_black).unwrap();
+    let (dark, white) = (|x: usize| x < 32, |x: usize| (32..48).contains(&x));
+    let before = Grid::from_fn(lit.size(), |x, y| match x {
+        _ if dark(x) => [9, 3, 15],
+        _ if white(x) => [251, 255, 253],
+        _ => lit[(x, y)].map(|channel| channel.clamp(16, 250)),
+    });
+    image::save_png_rgb(&photograph, &before).unwrap();
     let depth_of = |arguments: &[&str]| {
         expect_success(&scene.run("depth", &[&["--iterations", "0", "--planes", "16"], arguments].concat()));
         vamvs::io::pfm::read_depth(&scene.out().join("depths/0001.pfm")).unwrap().row(3).to_vec()
     };
     assert!(depth_of(&[]).iter().all(|depth| *depth > 0.0));
-    let depth = depth_of(&["--min-brightness", "16"]);
     // The coarse map has cells of 4 pixels.
+    let depth = depth_of(&["--min-brightness", "16"]);
     assert!(depth.iter().enumerate().all(|(x, depth)| (*depth == 0.0) == dark(4 * x)), "{depth:?}");
+    let depth = depth_of(&["--max-brightness", "250"]);
+    assert!(depth.iter().enumerate().all(|(x, depth)| (*depth == 0.0) == white(4 * x)), "{depth:?}");
 }
 
 #[test]
