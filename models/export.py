@@ -33,8 +33,21 @@ def flow(weights: dict[str, Tensor]) -> dict[str, Tensor]:
     return {name: value for name, value in weights.items() if name.split(".")[0] in ("flow_images", "pair_flow", "flow_net")}
 
 
-def trained_on(network: torch.jit.ScriptModule) -> list[str]:
-    return json.loads(network.manifest())["trained_on"].split("; ")
+def mean(networks: list[torch.jit.ScriptModule]) -> dict[str, Tensor]:
+    """The mean of their weights: of a network and what it became by more training, often better than both."""
+    states = [network.state_dict() for network in networks]
+    means = {}
+    for name, value in states[0].items():
+        if value.is_floating_point():
+            value = torch.stack([state[name] for state in states]).mean(0)
+        means[name] = value
+    return means
+
+
+def trained_on(networks: list[torch.jit.ScriptModule]) -> list[str]:
+    """Each of their runs once."""
+    runs = [run for network in networks for run in json.loads(network.manifest())["trained_on"].split("; ")]
+    return list(dict.fromkeys(runs))
 
 
 def main() -> None:
@@ -67,7 +80,12 @@ def main() -> None:
     )
     parser.add_argument("--flow-sources", type=int, metavar="N", help="the flow looks at the best so many source views")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
-    parser.add_argument("--like", metavar="FILE.pt", help="start from the weights of this network in all layers that both have")
+    parser.add_argument(
+        "--like",
+        nargs="+",
+        metavar="FILE.pt",
+        help="start from the weights of this network, or the mean of several, in all layers that both have",
+    )
     parser.add_argument("--flow-like", metavar="FILE.pt", help="the flow's weights of this one instead")
     arguments = parser.parse_args()
     if arguments.flow_like is not None and arguments.like is None:
@@ -93,13 +111,14 @@ def main() -> None:
             arguments.flow_sources,
         )
     if arguments.like is not None:
-        other = torch.jit.load(arguments.like)
-        copy_common(other.state_dict(), module)
-        runs = trained_on(other)
+        others = [torch.jit.load(path) for path in arguments.like]
+        copy_common(mean(others), module)
+        runs = trained_on(others)
         if arguments.flow_like is not None:
             other = torch.jit.load(arguments.flow_like)
             copy_common(flow(other.state_dict()), module)
-            runs += [f"the flow: {run}" for run in trained_on(other) if run not in runs]
+            of_flow = [run.removeprefix("the flow: ") for run in trained_on([other])]
+            runs += [f"the flow: {run}" for run in of_flow if run not in runs]
         about = json.loads(module.manifest())
         about["trained_on"] = "; ".join(runs)
         module.set_manifest(json.dumps(about))
