@@ -105,7 +105,7 @@ impl Checkpoints {
     }
 }
 
-/// A hash of all that a network learns from its module: the parameters and the manifest.
+/// A hash of what tells a network from another: its parameters and its manifest.
 ///
 /// # Errors
 /// If the module does not tell its parameters.

@@ -185,12 +185,9 @@ impl DepthScene {
         &self.prediction.names()[self.views[view].predicted]
     }
 
-    /// The photograph of a view at its depth map's size.
-    ///
-    /// # Errors
-    /// If a file cannot be read.
-    pub fn photograph(&self, view: usize) -> Result<Grid<Rgb>, VamvsError> {
-        Ok(self.prediction.load(self.views[view].predicted)?.colour)
+    /// The photograph of a view at the size of its depth map.
+    pub(super) fn photograph(&self, view: usize, size: Size) -> Result<Grid<Rgb>, VamvsError> {
+        self.prediction.photograph(self.views[view].predicted, size)
     }
 
     /// Whether it is known of all views what a plane distance is.

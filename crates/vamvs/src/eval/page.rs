@@ -2,7 +2,7 @@
 //! pictures.
 
 use nalgebra::Vector3;
-use vamvs_core::{Cloud, CloudPoint, Grid, Rgb, Size};
+use vamvs_core::{Cloud, CloudPoint, Size};
 use vamvs_eval::reliability::{Kept, RIGHT_WITHIN};
 use vamvs_eval::{Region, Threshold};
 use vamvs_fusion::MapSource;
@@ -164,17 +164,17 @@ impl SceneEvaluation {
         ]);
         let shown = SHOWN.min(self.maps.len());
         for view in (0..shown).map(|index| index * self.maps.len() / shown) {
-            self.strip(page, view, self.maps.photograph(view)?)?;
+            self.strip(page, view)?;
         }
         Ok(())
     }
 
-    fn strip(&self, page: &mut Page, view: usize, photograph: Grid<Rgb>) -> Result<(), VamvsError> {
+    fn strip(&self, page: &mut Page, view: usize) -> Result<(), VamvsError> {
         let ComparedMap { map, truth, visible } = self.maps.compared(view)?;
         let (near, far) = spread(&valid(&truth));
         let mut captions = vec!["photograph", "true depth", "depth", "error", "confidence"];
         let mut parts = vec![
-            photograph,
+            self.maps.photograph(view, map.depth.size())?,
             Scale::Turbo.paint(&valid(&truth), near, far),
             Scale::Turbo.paint(&valid(&map.depth), near, far),
             Scale::Error.paint(&relative_errors(&map.depth, &truth), 0.0, ERROR_END),

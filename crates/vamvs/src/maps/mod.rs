@@ -6,7 +6,9 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use vamvs_core::view_selection;
-use vamvs_core::{Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Scene, Size, Source, SparsePoint};
+use vamvs_core::{
+    Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Rgb, Scene, Size, Source, SparsePoint,
+};
 use vamvs_fusion::{FusionView, MapSource};
 use vamvs_io::colmap::dense;
 use vamvs_io::masks::{self, Masks};
@@ -219,6 +221,12 @@ impl Maps {
         Ok(self.load(view)?.check(view)?)
     }
 
+    /// A view's photograph at the size of its depth map.
+    pub(crate) fn photograph(&self, view: usize, size: Size) -> Result<Grid<Rgb>, VamvsError> {
+        let photograph = image::load_rgb(&self.files[view].image)?;
+        Ok(if photograph.size() == size { photograph } else { image::resize(&photograph, size) })
+    }
+
     fn mask(&self, view: usize, size: Size) -> Result<Option<Grid<bool>>, VamvsError> {
         let path = self.masks.find(&self.scene.views[view].name);
         Ok(path.map(|path| masks::load(&path, size)).transpose()?)
@@ -235,9 +243,7 @@ impl MapSource for Maps {
     fn load(&self, view: usize) -> Result<FusionView, VamvsError> {
         let map = self.depth_map(view)?;
         let size = map.depth.size();
-        let colour = image::load_rgb(&self.files[view].image)?;
-        let colour = if colour.size() == size { colour } else { image::resize(&colour, size) };
-        Ok(FusionView { colour, mask: self.mask(view, size)?, map })
+        Ok(FusionView { colour: self.photograph(view, size)?, mask: self.mask(view, size)?, map })
     }
 }
 
