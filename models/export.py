@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from layers import NORMS
 from photometric import Photometric
 from va_point_mvsnet import AGGREGATIONS, HYPOTHESES, NEIGHBOURS, STEPS, VaPointMvsNet
+from vis_corr import STRIDES, VisCorr
 
 
 def copy_common(weights: dict[str, Tensor], module: nn.Module) -> None:
@@ -52,7 +53,7 @@ def trained_on(networks: list[torch.jit.ScriptModule]) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("network", choices=("photometric", *AGGREGATIONS))
+    parser.add_argument("network", choices=("photometric", "vis-corr", *AGGREGATIONS))
     parser.add_argument("out", help="the .pt file to write")
     parser.add_argument("--norm", choices=NORMS, default="batch", help="normalisation of the learned networks")
     parser.add_argument("--thin", type=int, default=1, help="divide all channels by this: small networks to test with")
@@ -75,6 +76,7 @@ def main() -> None:
         "--guide", type=float, metavar="GREYS", help="enlarge maps along the photograph's edges; deviation of colours"
     )
     parser.add_argument("--cells", type=int, choices=(8, 4), default=8, help="width of the coarse cells, pixels")
+    parser.add_argument("--stride", type=int, choices=STRIDES, default=4, help="vis-corr: stride of the coarse features")
     parser.add_argument(
         "--steps", type=float, nargs=3, default=STEPS, help="between hypotheses at 1/8, 1/4, 1/2, plane distances"
     )
@@ -93,6 +95,8 @@ def main() -> None:
     torch.manual_seed(arguments.seed)
     if arguments.network == "photometric":
         module = Photometric()
+    elif arguments.network == "vis-corr":
+        module = VisCorr(arguments.norm, arguments.stride)
     else:
         module = VaPointMvsNet(
             arguments.network,

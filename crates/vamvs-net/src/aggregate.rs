@@ -5,7 +5,7 @@
 use serde::{Deserialize, Serialize};
 use tch::{TchError, Tensor};
 
-/// The six ways of figure 3.
+/// The six ways of figure 3, and a seventh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aggregation {
@@ -21,6 +21,9 @@ pub enum Aggregation {
     VisMax,
     /// Variance over all views, each weighted by its learned visibility.
     VisVar,
+    /// Mean over the source views of their group-wise correlation with the reference, each weighted by its learned
+    /// visibility; not in the paper.
+    VisCorr,
 }
 
 impl Aggregation {
@@ -33,7 +36,14 @@ impl Aggregation {
     /// Whether views are weighted by learned visibility masks.
     #[must_use]
     pub fn weighs_views(self) -> bool {
-        matches!(self, Self::VisVar)
+        matches!(self, Self::VisVar | Self::VisCorr)
+    }
+
+    /// Whether source views are compared with the reference by correlation, and one pyramid of features serves both
+    /// stages.
+    #[must_use]
+    pub fn correlates(self) -> bool {
+        matches!(self, Self::VisCorr)
     }
 
     /// The running reduction of this aggregation.
@@ -44,9 +54,13 @@ impl Aggregation {
             Self::Max | Self::VisMax => Reducer::Max(None),
             Self::Var => Reducer::Variance { moments: None, weight: Weight::Count(0) },
             Self::VisVar => Reducer::Variance { moments: None, weight: Weight::Mask(None) },
+            Self::VisCorr => Reducer::WeightedMean { sum: None, weight: None },
         }
     }
 }
+
+/// What keeps the weighted mean finite where no view sees anything (ε).
+const UNSEEN: f64 = 1e-3;
 
 /// A reduction over views in progress.
 #[derive(Debug)]
@@ -57,6 +71,13 @@ pub enum Reducer {
         sum: Option<Tensor>,
         /// n.
         count: usize,
+    },
+    /// Σ V F / (Σ V + ε).
+    WeightedMean {
+        /// Σ V F.
+        sum: Option<Tensor>,
+        /// Σ V.
+        weight: Option<Tensor>,
     },
     /// max F.
     Max(Option<Tensor>),
@@ -80,7 +101,7 @@ pub enum Weight {
 
 impl Reducer {
     /// Adds a view's features. `visibility` (broadcast over channels and planes) counts in the weighted
-    /// variance only, where `None` is 1.
+    /// mean and variance only, where `None` is 1.
     ///
     /// # Errors
     /// If shapes differ from the views before, or memory runs out.
@@ -89,6 +110,12 @@ impl Reducer {
             Self::Mean { sum, count } => {
                 *count += 1;
                 accumulate(sum, features)
+            }
+            Self::WeightedMean { sum, weight } => {
+                let one = || features.f_new_ones(vec![1; features.dim()], (features.kind(), features.device()));
+                let visibility = visibility.map_or_else(one, |seen| Ok(seen.shallow_clone()))?;
+                accumulate(weight, &visibility)?;
+                accumulate(sum, &features.f_mul(&visibility)?)
             }
             Self::Max(largest) => {
                 *largest = Some(match largest {
@@ -132,6 +159,10 @@ impl Reducer {
     pub fn finish(self) -> Result<Option<Tensor>, TchError> {
         match self {
             Self::Mean { sum, count } => sum.map(|sum| sum.f_div_scalar(count as f64)).transpose(),
+            Self::WeightedMean { sum, weight } => {
+                let mean = sum.zip(weight).map(|(sum, weight)| sum.f_div(&weight.f_add_scalar(UNSEEN)?));
+                mean.transpose()
+            }
             Self::Max(largest) => Ok(largest),
             Self::Variance { moments: None, .. } => Ok(None),
             Self::Variance { moments: Some((sum, squares)), weight } => {

@@ -6,7 +6,7 @@
 use tch::{Kind, TchError, Tensor};
 use vamvs_core::Planes;
 
-use crate::encode::COARSE_SCALE;
+use crate::correlate::{correlation, pooled};
 use crate::project::{Outside, PixelLattice, Projection, depth_of, sample};
 use crate::{Aggregation, EncodedView, NetError, Network};
 
@@ -21,7 +21,7 @@ struct Sweep<'a> {
     slab: usize,
 }
 
-/// The aggregated volume, and for vis-var the visibility masks.
+/// The aggregated volume, and for vis-var and vis-corr the visibility masks.
 #[derive(Debug)]
 pub struct CostVolume {
     /// (1, C', D, h, w)
@@ -46,7 +46,7 @@ pub fn sweep(
     seen: Option<Vec<Tensor>>,
     slab_bytes: usize,
 ) -> Result<CostVolume, NetError> {
-    let cell = COARSE_SCALE << level;
+    let cell = reference.stride << level;
     let lattice = PixelLattice::new(cell, (0, 0), 1, reference.size_at(cell));
     let sources = sources
         .iter()
@@ -55,6 +55,9 @@ pub fn sweep(
     let plane_bytes = reference.coarse[level].numel() * size_of::<f32>();
     let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
     let sweep = Sweep { network, reference, sources, planes, level, slab };
+    if network.manifest().aggregation.correlates() {
+        return sweep.correlate(seen);
+    }
     let visibility = match seen {
         Some(seen) if network.manifest().aggregation.weighs_views() => seen,
         _ => sweep.visibility()?,
@@ -65,6 +68,37 @@ pub fn sweep(
 impl Sweep<'_> {
     fn features<'v>(&self, view: &'v EncodedView) -> &'v Tensor {
         &view.coarse[self.level]
+    }
+
+    /// vis-corr: the mean over the source views of their correlations with the reference, each weighted by what the
+    /// view sees.
+    fn correlate(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
+        let mut reducer = self.network.manifest().aggregation.reducer();
+        let mut visibility = Vec::with_capacity(self.sources.len());
+        for (index, (source, projection)) in self.sources.iter().enumerate() {
+            let correlation = self.correlation(source, projection)?; // (D, G, h, w)
+            let mask = match &seen {
+                Some(seen) => seen[index].shallow_clone(),
+                None => self.network.visibility(&pooled(&correlation)?)?,
+            };
+            reducer.add(&correlation, Some(&mask))?;
+            visibility.push(mask);
+        }
+        let volume = reducer.finish()?.ok_or_else(no_views)?;
+        Ok(CostVolume { volume: volume.f_permute([1, 0, 2, 3])?.f_unsqueeze(0)?.f_contiguous()?, visibility })
+    }
+
+    /// The correlation of one source view with the reference at all planes, (D, G, h, w).
+    fn correlation(&self, source: &EncodedView, projection: &Projection) -> Result<Tensor, NetError> {
+        let group = self.network.manifest().group;
+        let slab = |first: usize| -> Result<Tensor, TchError> {
+            let (depth, _) = self.slab_depths(first)?;
+            let warped = sample(self.features(source), &projection.grid(&depth)?, Outside::Zero)?;
+            correlation(self.features(self.reference), &warped, group)
+        };
+        let slabs: Vec<Tensor> =
+            (0..self.planes.count).step_by(self.slab).map(slab).collect::<Result<_, _>>()?;
+        Ok(Tensor::f_cat(&slabs, 0)?)
     }
 
     /// Slab by slab into one volume (1, C', D, h, w).

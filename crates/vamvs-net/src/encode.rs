@@ -6,7 +6,7 @@ use vamvs_core::{Grid, Intrinsics, Photo, Pinhole, Pose, Rgb, Size};
 
 use crate::{Device, Iteration, Manifest, NetError, Network};
 
-/// The stride of the coarse features, and the multiple to which images are padded.
+/// The paper's stride of the coarse features, the largest of all, and the multiple to which images are padded.
 pub const COARSE_SCALE: usize = 8;
 
 /// The strides of the flow features.
@@ -23,7 +23,9 @@ pub struct EncodedView {
     pub cam_from_world: Pose,
     /// Width and height after the photograph was padded to a multiple of 8 on the right and at the bottom.
     pub(crate) padded: Size,
-    /// (1, C, H/8, W/8), and if the photograph is enlarged, (1, C, H/16, W/16), as it is without that.
+    /// The stride of the coarse features, s: 8 or 4.
+    pub stride: usize,
+    /// (1, C, H/s, W/s), and if the photograph is enlarged, half of that, as it is without that.
     pub(crate) coarse: Vec<Tensor>,
     /// (1, C, H/2, W/2), (1, C, H/4, W/4), (1, C, H/8, W/8)
     pub(crate) flow: [Tensor; 3],
@@ -35,7 +37,7 @@ impl Network {
     /// How many times larger than it is the network sees a photograph, for coarse cells of the width it wants.
     #[must_use]
     pub fn enlarge(&self) -> usize {
-        COARSE_SCALE / self.manifest().cells
+        self.manifest().stride / self.manifest().cells
     }
 
     /// The flow iterations of the manifest, without those that are coarser than the coarse map's cells.
@@ -59,7 +61,11 @@ impl Network {
         let enlarge = self.enlarge();
         let image = image_tensor(photo)?.f_to_device(self.device())?;
         let large = enlarged(&image, enlarge)?;
-        let mut coarse = vec![self.encode_coarse(&large)?];
+        let flow = self.encode_flow(&large)?;
+        let mut coarse = vec![match self.shared_level() {
+            Some(level) => flow[level].shallow_clone(),
+            None => self.encode_coarse(&large)?,
+        }];
         if enlarge > 1 {
             coarse.push(self.encode_coarse(&image)?);
         }
@@ -69,8 +75,9 @@ impl Network {
             camera: photo.camera.resized(Size::new(size.width * enlarge, size.height * enlarge)),
             cam_from_world: photo.cam_from_world,
             padded: Size::new(width as usize, height as usize),
+            stride: self.manifest().stride,
             coarse,
-            flow: self.encode_flow(&large)?,
+            flow,
             photographs: photographs(&large)?,
         })
     }
@@ -132,8 +139,9 @@ impl EncodedView {
             camera,
             cam_from_world: self.cam_from_world,
             padded,
+            stride: self.stride,
             coarse: (0..self.coarse.len())
-                .map(|level| part(&self.coarse[level], COARSE_SCALE << level))
+                .map(|level| part(&self.coarse[level], self.stride << level))
                 .collect::<Result<_, _>>()?,
             flow: [part(half, 2)?, part(quarter, 4)?, part(eighth, 8)?],
             photographs: std::array::from_fn(|level| {
@@ -150,7 +158,9 @@ impl EncodedView {
     /// Bytes that the features take, and the photograph beside them.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        let values: usize = self.flow.iter().chain(&self.coarse).map(Tensor::numel).sum();
+        // A pyramid that serves both stages is held once.
+        let own = |coarse: &&Tensor| self.flow.iter().all(|level| level.data_ptr() != coarse.data_ptr());
+        let values: usize = self.flow.iter().chain(self.coarse.iter().filter(own)).map(Tensor::numel).sum();
         let pixels: usize = self.photographs.iter().map(|photograph| photograph.size().area()).sum();
         values * size_of::<f32>() + pixels * size_of::<Rgb>()
     }

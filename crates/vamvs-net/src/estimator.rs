@@ -135,7 +135,7 @@ impl Estimator {
     #[must_use]
     pub fn scales(&self) -> Vec<usize> {
         let iterations = self.iterations().into_iter().map(|iteration| iteration.scale);
-        let scales = [COARSE_SCALE].into_iter().chain(iterations);
+        let scales = [self.network.manifest().stride].into_iter().chain(iterations);
         let mut scales: Vec<usize> = scales.map(|scale| scale / self.network.enlarge()).collect();
         scales.dedup();
         scales
@@ -241,10 +241,10 @@ impl Estimator {
             None => None,
         };
         let refined = stage.refine(enlarged.as_ref().unwrap_or(before), profile)?;
-        match stage.iteration.scale {
-            COARSE_SCALE => self.completed(refined, stage.reference, stage.planes, profile),
-            _ => Ok(refined),
+        if stage.iteration.scale == stage.reference.stride {
+            return self.completed(refined, stage.reference, stage.planes, profile);
         }
+        Ok(refined)
     }
 
     /// A map at 1/8 with its blank surfaces completed, if that is asked for.
@@ -313,7 +313,7 @@ impl Estimator {
     /// Rows of a strip that holds `strip_points` points.
     fn strip_rows(&self, reference: &EncodedView) -> usize {
         let hypotheses = 2 * self.network.manifest().hypotheses + 1;
-        (self.options.strip_points / (hypotheses * reference.size_at(COARSE_SCALE).width)).max(8)
+        (self.options.strip_points / (hypotheses * reference.size_at(reference.stride).width)).max(8)
     }
 
     /// The confidence as the share of pixels that are right, if the network was calibrated with what was run.
@@ -334,7 +334,7 @@ impl Estimator {
         planes: &Planes,
         stages: &[PlaneMap],
     ) -> Result<DepthMap, NetError> {
-        let scale = self.iterations().last().map_or(COARSE_SCALE, |iteration| iteration.scale);
+        let scale = self.iterations().last().map_or(reference.stride, |iteration| iteration.scale);
         let full = reference.camera.size;
         let size = Size::new(full.width / scale, full.height / scale);
         let last = &stages[stages.len() - 1];

@@ -8,7 +8,6 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Size};
 
 use crate::coarse::PlaneMap;
-use crate::encode::COARSE_SCALE;
 use crate::estimator::to_grid;
 use crate::point_flow::enlarge;
 use crate::profile::Profile;
@@ -72,18 +71,18 @@ impl Estimator {
         let region = region.map(|region| reference.enlarged(&region));
         let whole = PixelBox { x0: 0, y0: 0, x1: image.width, y1: image.height };
         let (_, padded) = reference.part(&whole)?;
-        let mut last = Layer { scale: COARSE_SCALE, computed: padded, shown: whole, map };
+        let mut last = Layer { scale: reference.stride, computed: padded, shown: whole, map };
         let mut layers = Vec::new();
         let iterations = self.iterations();
-        let finest = iterations.last().map_or(COARSE_SCALE, |last| last.scale);
+        let finest = iterations.last().map_or(reference.stride, |last| last.scale);
         for &iteration in &iterations {
             let shown = match (iteration.scale, region) {
-                (COARSE_SCALE, _) => whole,
+                (scale, _) if scale == reference.stride => whole,
                 (scale, Some(region)) => grown(region, GROWTH * (scale / finest - 1) as f64, 0, image),
                 (_, None) => break,
             };
             let (part, computed) = reference.part(&grown(shown, 0.0, MARGIN, image))?;
-            let masks = visibility.iter().map(|mask| cut(mask, 2, computed, COARSE_SCALE));
+            let masks = visibility.iter().map(|mask| cut(mask, 2, computed, reference.stride));
             let masks = masks.collect::<Result<Vec<_>, NetError>>()?;
             let stage = self.flow_stage(&part, sources, planes, &masks, iteration);
             let map = self.iterate(&stage, &last.cut(computed)?, profile)?;

@@ -13,6 +13,7 @@
 
 pub mod aggregate;
 pub mod coarse;
+pub mod correlate;
 pub mod cost_volume;
 pub mod device;
 pub mod encode;

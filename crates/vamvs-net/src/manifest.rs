@@ -40,6 +40,12 @@ pub struct Manifest {
     /// sees the photograph enlarged.
     #[serde(default = "paper_cells", skip_serializing_if = "is_paper_cells")]
     pub cells: usize,
+    /// Stride of the coarse features in the image that the network sees: 8 or 4; absent: 8, as in the paper.
+    #[serde(default = "paper_cells", skip_serializing_if = "is_paper_cells")]
+    pub stride: usize,
+    /// vis-corr: channels that are correlated together; every level of features has a multiple of it.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub group: usize,
     /// With how many planes the network is meant to be used; runs choose theirs from the cameras.
     pub planes: usize,
     /// The flow iterations by default; those with larger pixels than the coarse map's are left out.
@@ -108,7 +114,11 @@ impl Manifest {
                 manifest.neighbours, manifest.hypotheses
             )));
         }
-        check_cells(manifest.cells).map_err(|problem| wrong(format!("is not to be used: {problem}")))?;
+        check_cells(manifest.cells, manifest.stride).map_err(|problem| wrong(format!("is not to be used: {problem}")))?;
+        if manifest.aggregation.correlates() && !(1..=256).contains(&manifest.group) {
+            let group = manifest.group;
+            return Err(wrong(format!("correlates groups of {group} channels: expected 1 to 256 (group)")));
+        }
         if let Some(window) = manifest.window.filter(|window| *window > 64) {
             return Err(wrong(format!("has a window of {window} planes: expected 0 to 64")));
         }
@@ -133,11 +143,13 @@ impl Manifest {
     }
 }
 
-/// Checks that the coarse map's cells are 8 or 4 pixels wide.
-pub(crate) fn check_cells(cells: usize) -> Result<(), String> {
-    match cells {
-        8 | 4 => Ok(()),
-        _ => Err(format!("cells of {cells} pixels are asked for: expected 8 or 4")),
+/// Checks that the coarse map's cells are as wide as the stride of the coarse features, or half of it.
+pub(crate) fn check_cells(cells: usize, stride: usize) -> Result<(), String> {
+    match (cells, stride) {
+        (8, 8) | (4, 8 | 4) => Ok(()),
+        (_, 8) => Err(format!("cells of {cells} pixels are asked for: expected 8 or 4")),
+        (_, 4) => Err(format!("cells of {cells} pixels are asked for: expected 4, the network's coarse stride")),
+        _ => Err(format!("coarse features have a stride of {stride} pixels: expected 8 or 4")),
     }
 }
 
@@ -186,6 +198,9 @@ mod tests {
             ("\"scores\":{}", "\"scores\":{},\"calibration\":[[0.5,0.5],[0.4,0.9]]", "x to grow"),
             ("\"planes\":96", "\"planes\":96,\"window\":65", "window of 65"),
             ("\"planes\":96", "\"planes\":96,\"cells\":16", "cells of 16"),
+            ("\"planes\":96", "\"planes\":96,\"stride\":2", "stride of 2"),
+            ("\"planes\":96", "\"planes\":96,\"stride\":4", "the network's coarse stride"),
+            ("vis-max", "vis-corr", "groups of 0 channels"),
             ("\"planes\":96", "\"planes\":96,\"guide\":0", "guide of 0"),
             ("\"planes\":96", "\"planes\":96,\"flow_sources\":0", "nonzero"),
             ("\"planes\":96", "\"planes\":96,\"completion\":{\"stiffness\":-1,\"power\":4}", "stiffness -1"),

@@ -11,10 +11,10 @@ use vamvs_core::window_knn::WindowKnn;
 use vamvs_core::{Planes, Size};
 
 use crate::coarse::{PlaneMap, around};
-use crate::encode::COARSE_SCALE;
+use crate::correlate::correlation;
 use crate::profile::{Profile, Stage};
 use crate::project::{Outside, PixelLattice, Projection, depth_of, sample};
-use crate::script::POSITION_CHANNELS;
+use crate::script::{CONTEXT_LEVEL, POSITION_CHANNELS};
 use crate::{EncodedView, Iteration, NetError, Network};
 
 /// Pixels to each side of a point in which its neighbours are searched (5 × 5 windows).
@@ -30,7 +30,7 @@ pub struct FlowStage<'a> {
     pub sources: &'a [&'a EncodedView],
     /// The planes of the sweep, which give the depth coordinate its meaning.
     pub planes: &'a Planes,
-    /// vis-var's masks at 1/8, one a source view, else empty.
+    /// Masks of vis-var and vis-corr at the coarse resolution, one a source view, else empty.
     pub visibility: &'a [Tensor],
     /// Size and step of this iteration.
     pub iteration: Iteration,
@@ -47,7 +47,7 @@ impl FlowStage<'_> {
         let size = self.reference.size_at(self.iteration.scale);
         let u = enlarge(u, size)?;
         let map = PlaneMap { u: u.f_zeros_like()?, confidence: u.f_zeros_like()? };
-        let step = COARSE_SCALE / self.iteration.scale;
+        let step = self.reference.stride / self.iteration.scale;
         for y in 0..step {
             for x in 0..step {
                 let part = |map: &Tensor| residue(map, x, y, step);
@@ -71,7 +71,7 @@ impl FlowStage<'_> {
         profile: &mut Profile,
     ) -> Result<PlaneMap, NetError> {
         let scale = self.iteration.scale;
-        let lattice = PixelLattice::new(scale, (x, y), COARSE_SCALE / scale, self.reference.size_at(scale));
+        let lattice = PixelLattice::new(scale, (x, y), self.reference.stride / scale, self.reference.size_at(scale));
         let rows = lattice.y.len();
         let reach = self.network.manifest().flow_layers * WINDOW_RADIUS;
         let mut strips = Vec::new();
@@ -146,7 +146,7 @@ impl FlowStage<'_> {
         let reference_grid = lattice.grid(self.reference, device)?;
         let reference = fetch_levels(&self.reference.flow, &reference_grid, Outside::Border)?; // (1, C, h·w)
         let mut reducer = aggregation.reducer();
-        if !aggregation.relates_pairs() {
+        if !aggregation.relates_pairs() && !aggregation.correlates() {
             reducer.add(&reference.f_expand([hypotheses, -1, -1], false)?, None)?;
         }
         for (index, source) in self.sources.iter().enumerate() {
@@ -154,14 +154,33 @@ impl FlowStage<'_> {
             let fetched = fetch_levels(&source.flow, &projection.grid(depth)?, Outside::Zero)?; // (J, C, h·w)
             if aggregation.relates_pairs() {
                 reducer.add(&self.network.relate_flow(&reference, &fetched)?, None)?;
+                continue;
+            }
+            let mask = self.visibility.get(index).map(|mask| self.mask(mask, &reference_grid)).transpose()?;
+            if aggregation.correlates() {
+                let group = self.network.manifest().group;
+                reducer.add(&correlation(&reference, &fetched, group)?, mask.as_ref())?;
             } else {
-                let mask = self.visibility.get(index).map(|mask| self.mask(mask, &reference_grid));
-                reducer.add(&fetched, mask.transpose()?.as_ref())?;
+                reducer.add(&fetched, mask.as_ref())?;
             }
         }
-        reducer
+        let aggregated = reducer
             .finish()?
-            .ok_or_else(|| NetError::Request("a depth map needs at least one source view".to_owned()))
+            .ok_or_else(|| NetError::Request("a depth map needs at least one source view".to_owned()))?;
+        if aggregation.correlates() {
+            return self.with_context(&aggregated, &reference);
+        }
+        Ok(aggregated)
+    }
+
+    /// vis-corr: correlations (J, C'', h·w) with the reference's own features at 1/4, of all fetched (1, C, h·w), beside
+    /// them: correlations do not tell what a pixel looks like.
+    fn with_context(&self, correlations: &Tensor, reference: &Tensor) -> Result<Tensor, NetError> {
+        let widths = self.reference.flow.each_ref().map(|level| level.size()[1]);
+        let first = widths[..CONTEXT_LEVEL].iter().sum();
+        let context = reference.f_narrow(1, first, widths[CONTEXT_LEVEL])?;
+        let context = context.f_expand([correlations.size()[0], -1, -1], false)?;
+        Ok(Tensor::f_cat(&[correlations, &context], 1)?)
     }
 
     /// vis-var's mask at the lattice's pixels: (1, 1, h·w).

@@ -199,6 +199,7 @@ mod tests {
             camera: Pinhole { size, intrinsics: Intrinsics { fx: 300.0, fy: 310.0, cx: 160.2, cy: 117.9 } },
             cam_from_world: Pose::look_at(&eye, &Vector3::new(0.1, 0.0, 5.0), &Vector3::new(0.0, -1.0, 0.2)),
             padded: Size::new(320, 240),
+            stride: 8,
             coarse: vec![feature()],
             flow: [feature(), feature(), feature()],
             photographs: [2, 4, 8].map(|scale| Grid::filled(Size::new(320 / scale, 240 / scale), [0; 3])),

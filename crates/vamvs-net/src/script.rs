@@ -5,6 +5,7 @@ use std::path::Path;
 
 use tch::{CModule, IValue, Kind, TchError, Tensor};
 
+use crate::correlate::{correlation, pooled};
 use crate::encode::COARSE_SCALE;
 use crate::error::Libtorch;
 use crate::manifest::check_cells;
@@ -131,7 +132,7 @@ impl Network {
     /// # Errors
     /// If the width is another one.
     pub fn set_cells(&mut self, cells: usize) -> Result<(), NetError> {
-        check_cells(cells).map_err(NetError::Request)?;
+        check_cells(cells, self.manifest.stride).map_err(NetError::Request)?;
         if cells != self.manifest.cells {
             self.manifest.cells = cells;
             self.manifest.calibration = None;
@@ -161,49 +162,98 @@ impl Network {
     /// Calls every method once on tiny inputs, so that a wrong module is told at once and not after an
     /// hour. Tells how much they give.
     fn probe(&self) -> Result<Widths, NetError> {
+        let image = Tensor::f_rand([1, 3, 8 * SIDE, 8 * SIDE], (Kind::Float, self.device))?;
+        let levels = self.encode_flow(&image)?;
+        let coarse = match self.shared_level() {
+            Some(level) => levels[level].shallow_clone(),
+            None => self.encode_coarse(&image)?,
+        };
+        let volume = self.probe_volume(&coarse)?;
+        let point = self.probe_flow(&levels)?;
+        // Where one pyramid serves both stages its features are held once.
+        let own = self.shared_level().is_none().then_some(&coarse);
+        let features = levels.iter().chain(own).map(Tensor::numel).sum::<usize>() / (SIDE * SIDE) as usize;
+        Ok(Widths { features, coarse: coarse.size()[1] as usize, volume, point })
+    }
+
+    /// Which of the three levels of `encode_flow` are the coarse features, if one pyramid serves both stages.
+    pub(crate) fn shared_level(&self) -> Option<usize> {
+        let Manifest { aggregation, stride, .. } = self.manifest;
+        aggregation.correlates().then(|| usize::from(stride == COARSE_SCALE) + 1)
+    }
+
+    /// The coarse stage on tiny features (1, C, h, w): the channels of its volume.
+    fn probe_volume(&self, coarse: &Tensor) -> Result<usize, NetError> {
         let aggregation = self.manifest.aggregation;
-        let (planes, side, pixels) = (8, 4, 8);
-        let points = pixels * (2 * self.manifest.hypotheses as i64 + 1);
-        let f32 = (Kind::Float, self.device);
-        let image = Tensor::f_rand([1, 3, side * 8, side * 8], f32)?;
-        let coarse = self.encode_coarse(&image)?;
-        let channels = coarse.size()[1];
-        let slab = coarse.f_expand([planes, channels, side, side], false)?;
-        let depth = Tensor::f_rand([planes], f32)?;
-        let related = if aggregation.relates_pairs() || aggregation.weighs_views() {
-            self.relate(&coarse, &slab, &depth)?
+        let (_, channels, h, w) = coarse.size4()?;
+        let planes = 8;
+        let slab = coarse.f_expand([planes, channels, h, w], false)?;
+        let depth = Tensor::f_rand([planes], (Kind::Float, self.device))?;
+        let related = if aggregation.correlates() {
+            self.check_groups("encode_flow", channels)?;
+            correlation(coarse, &slab, self.manifest.group)?
+        } else if aggregation.relates_pairs() || aggregation.weighs_views() {
+            self.relate(coarse, &slab, &depth)?
         } else {
             slab
         };
+        let pooled = if aggregation.correlates() { pooled(&related)? } else { related.f_amax([0], true)? };
         let volume_channels = if aggregation.weighs_views() {
-            let _mask = self.visibility(&related.f_amax([0], true)?)?;
-            channels
+            let _mask = self.visibility(&pooled)?;
+            if aggregation.correlates() { related.size()[1] } else { channels }
         } else {
             related.size()[1]
         };
-        let averaged = self.manifest.averaged;
-        if averaged > 0 && (!aggregation.relates_pairs() || averaged as i64 >= volume_channels) {
-            let problem = format!(
-                "says that {averaged} channels are averaged: expected fewer than the {volume_channels} that relate \
-                 gives, and an aggregation of pairs of views"
-            );
-            return Err(NetError::Manifest { module: self.name.clone(), problem });
-        }
-        let _costs = self.regularize(&Tensor::f_rand([1, volume_channels, planes, side, side], f32)?)?;
-        let levels = self.encode_flow(&image)?;
-        let features =
-            levels.iter().chain([&coarse]).map(Tensor::numel).sum::<usize>() / (side * side) as usize;
-        let channels: i64 = levels.iter().map(|level| level.size()[1]).sum();
+        self.check_averaged(volume_channels)?;
+        let volume = Tensor::f_rand([1, volume_channels, planes, h, w], (Kind::Float, self.device))?;
+        let _costs = self.regularize(&volume)?;
+        Ok(volume_channels as usize)
+    }
+
+    /// The flow on a few points: the channels of a point.
+    fn probe_flow(&self, levels: &[Tensor; 3]) -> Result<usize, NetError> {
+        let (aggregation, f32) = (self.manifest.aggregation, (Kind::Float, self.device));
+        let points = 8 * (2 * self.manifest.hypotheses as i64 + 1);
+        let widths = levels.each_ref().map(|level| level.size()[1]);
+        let channels: i64 = widths.iter().sum();
         let fetched = Tensor::f_rand([1, channels, points], f32)?;
-        let related =
-            if aggregation.relates_pairs() { self.relate_flow(&fetched, &fetched)? } else { fetched };
+        let related = if aggregation.correlates() {
+            widths.iter().try_for_each(|width| self.check_groups("encode_flow", *width))?;
+            fetched.f_narrow(1, 0, channels / self.manifest.group as i64 + widths[CONTEXT_LEVEL])?
+        } else if aggregation.relates_pairs() {
+            self.relate_flow(&fetched, &fetched)?
+        } else {
+            fetched
+        };
         let point = channels + related.size()[1] + POSITION_CHANNELS;
         let inputs = Tensor::f_cat(&[related, Tensor::f_rand([1, POSITION_CHANNELS, points], f32)?], 1)?;
         let neighbours =
             Tensor::f_zeros([1, points, self.manifest.neighbours as i64], (Kind::Int64, self.device))?;
         let _scores = self.flow(&inputs, &neighbours)?;
-        let [coarse, volume, point] = [coarse.size()[1], volume_channels, point].map(|width| width as usize);
-        Ok(Widths { features, coarse, volume, point })
+        Ok(point as usize)
+    }
+
+    /// Checks that channels are a multiple of those that are correlated together.
+    fn check_groups(&self, method: &'static str, channels: i64) -> Result<(), NetError> {
+        let group = self.manifest.group;
+        if channels % group as i64 == 0 {
+            return Ok(());
+        }
+        let problem = format!("says that {group} channels are correlated together, but {method} gives {channels}");
+        Err(NetError::Manifest { module: self.name.clone(), problem })
+    }
+
+    /// Checks that what is averaged over the views is a part of what `relate` gives.
+    fn check_averaged(&self, channels: i64) -> Result<(), NetError> {
+        let Manifest { averaged, aggregation, .. } = self.manifest;
+        if averaged == 0 || (aggregation.relates_pairs() && (averaged as i64) < channels) {
+            return Ok(());
+        }
+        let problem = format!(
+            "says that {averaged} channels are averaged: expected fewer than the {channels} that relate gives, and \
+             an aggregation of pairs of views"
+        );
+        Err(NetError::Manifest { module: self.name.clone(), problem })
     }
 
     /// (N, 3, H, W) in [0, 1] → (N, C, H/8, W/8).
@@ -310,6 +360,12 @@ impl Network {
         })
     }
 }
+
+/// The side of the probe's image, in the largest stride.
+const SIDE: i64 = 4;
+
+/// vis-corr: the level of the reference's own features (1/4) that the flow is given beside the correlations.
+pub(crate) const CONTEXT_LEVEL: usize = 1;
 
 /// Channels of a point's normalised position: x, y, z, repeated (section 3.3).
 pub(crate) const POSITION_CHANNELS: i64 = 24;

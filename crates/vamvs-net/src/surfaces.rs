@@ -7,7 +7,6 @@ use vamvs_core::guided::{Guidance, enlarge};
 use vamvs_core::{Grid, Planes, Rgb, Spacing};
 
 use crate::coarse::PlaneMap;
-use crate::encode::COARSE_SCALE;
 use crate::estimator::to_grid;
 use crate::point_flow::FlowStage;
 use crate::{EncodedView, Iteration, NetError};
@@ -22,7 +21,7 @@ pub(crate) fn completed(
     planes: &Planes,
     how: Completion,
 ) -> Result<PlaneMap, NetError> {
-    let image = reference.photograph(COARSE_SCALE).expect("photographs are kept at 1/8");
+    let image = reference.photograph(reference.stride).expect("photographs are kept at 1/8 and 1/4");
     let confidence = to_grid(&map.confidence)?;
     let u = to_tensor(&fill(&to_grid(&map.u)?, &confidence, image, planes, how), &map.u)?;
     Ok(PlaneMap { u, confidence: map.confidence })

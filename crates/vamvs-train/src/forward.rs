@@ -6,7 +6,6 @@
 //! the whole maps at these pixels.
 
 use tch::Tensor;
-use vamvs_net::encode::COARSE_SCALE;
 use vamvs_net::{Estimator, Profile};
 
 use crate::TrainError;
@@ -62,7 +61,8 @@ pub fn forward(
     let coarse = || estimator.coarse(reference, &sources, &sample.planes, seen, profile);
     let coarse = if learning == Learning::Flow { tch::no_grad(coarse)? } else { coarse()? };
     let enlarge = network.enlarge();
-    let all = Lattice { enlarge, scale: COARSE_SCALE, first: (0, 0) };
+    let stride = network.manifest().stride;
+    let all = Lattice { enlarge, stride, scale: stride, first: (0, 0) };
     let mut u = coarse.map.u.shallow_clone();
     let mut stages = vec![StageOutput {
         truth: all.truth(sample, &u)?,
@@ -72,9 +72,9 @@ pub fn forward(
         step: 1.0,
     }];
     let iterations = if learning == Learning::Coarse { Vec::new() } else { estimator.iterations() };
-    let finest = iterations.last().map_or(COARSE_SCALE, |iteration| iteration.scale);
+    let finest = iterations.last().map_or(stride, |iteration| iteration.scale);
     for &iteration in &iterations {
-        let lattice = Lattice { enlarge, ..Lattice::of(iteration.scale, finest, sample.lattice) };
+        let lattice = Lattice { enlarge, ..Lattice::of(stride, [iteration.scale, finest], sample.lattice) };
         let stage = estimator.flow_stage(reference, &sources, &sample.planes, &coarse.visibility, iteration);
         let refined = stage.refine_lattice(lattice.first, &u, profile)?.u;
         stages.push(StageOutput {
@@ -96,11 +96,13 @@ pub fn forward(
     Ok(Output { visibility, stages })
 }
 
-/// Pixels of a map at 1/scale whose coordinates are ≡ `first` modulo 8 / scale.
+/// Pixels of a map at 1/scale whose coordinates are ≡ `first` modulo stride / scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Lattice {
     /// How many times larger the network sees the photograph.
     enlarge: usize,
+    /// The stride of the coarse features.
+    stride: usize,
     scale: usize,
     first: (usize, usize),
 }
@@ -108,15 +110,15 @@ struct Lattice {
 impl Lattice {
     /// The lattice at `scale` that contains the parents of one lattice at the finest scale, which two
     /// numbers in [0, 1) choose.
-    fn of(scale: usize, finest: usize, choice: [f64; 2]) -> Self {
-        let chosen = choice.map(|share| (share * (COARSE_SCALE / finest) as f64) as usize);
+    fn of(stride: usize, [scale, finest]: [usize; 2], choice: [f64; 2]) -> Self {
+        let chosen = choice.map(|share| (share * (stride / finest) as f64) as usize);
         let [x, y] = chosen.map(|first| first * finest / scale);
-        Self { enlarge: 1, scale, first: (x, y) }
+        Self { enlarge: 1, stride, scale, first: (x, y) }
     }
 
     /// Coordinates in the photograph of the centres of `count` of the lattice's pixels along an axis.
     fn centres(self, first: usize, count: i64) -> Vec<f64> {
-        let (step, pixel) = (COARSE_SCALE / self.scale, self.scale as f64 / self.enlarge as f64);
+        let (step, pixel) = (self.stride / self.scale, self.scale as f64 / self.enlarge as f64);
         (0..count as usize).map(|k| ((first + k * step) as f64 + 0.5) * pixel).collect()
     }
 
@@ -140,13 +142,15 @@ mod tests {
     #[test]
     fn lattices_of_all_scales_hold_the_parents_of_the_finest_pixels() {
         for choice in [[0.0, 0.0], [0.3, 0.6], [0.99, 0.5]] {
-            let fine = Lattice::of(2, 2, choice);
-            for scale in [8, 4, 2] {
-                let lattice = Lattice::of(scale, 2, choice);
-                let step = COARSE_SCALE / scale;
-                for k in 0..3 {
-                    let parent = (fine.first.0 + 4 * k) * 2 / scale;
-                    assert_eq!(parent, lattice.first.0 + k * step, "column {k} at 1/{scale}");
+            for stride in [8, 4] {
+                let fine = Lattice::of(stride, [2, 2], choice);
+                for scale in [8, 4, 2].into_iter().filter(|scale| *scale <= stride) {
+                    let lattice = Lattice::of(stride, [scale, 2], choice);
+                    let step = stride / scale;
+                    for k in 0..3 {
+                        let parent = (fine.first.0 + stride / 2 * k) * 2 / scale;
+                        assert_eq!(parent, lattice.first.0 + k * step, "column {k} at 1/{scale}");
+                    }
                 }
             }
         }
@@ -154,9 +158,9 @@ mod tests {
 
     #[test]
     fn centres_are_in_the_photographs_coordinates() {
-        let lattice = Lattice { enlarge: 1, scale: 2, first: (3, 0) };
+        let lattice = Lattice { enlarge: 1, stride: 8, scale: 2, first: (3, 0) };
         assert_eq!(lattice.centres(3, 2), [7.0, 15.0]);
-        assert_eq!(Lattice { enlarge: 1, scale: 8, first: (0, 0) }.centres(0, 2), [4.0, 12.0]);
-        assert_eq!(Lattice { enlarge: 2, scale: 8, first: (0, 0) }.centres(0, 2), [2.0, 6.0]);
+        assert_eq!(Lattice { enlarge: 1, stride: 8, scale: 8, first: (0, 0) }.centres(0, 2), [4.0, 12.0]);
+        assert_eq!(Lattice { enlarge: 2, stride: 8, scale: 8, first: (0, 0) }.centres(0, 2), [2.0, 6.0]);
     }
 }

@@ -13,7 +13,6 @@ use vamvs_core::{
     DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Size, Source, Spacing, Visibility, view_selection,
 };
 use vamvs_io::{image, pfm, visibility};
-use vamvs_net::encode::COARSE_SCALE;
 use vamvs_net::{EncodedView, NetError, Network};
 
 use crate::TrainError;
@@ -103,7 +102,7 @@ impl Sample {
         if !self.true_visibility {
             return Ok(None);
         }
-        let size = reference.size_at(COARSE_SCALE);
+        let size = reference.size_at(reference.stride);
         let shape = [1, 1, size.height as i64, size.width as i64];
         let like = Tensor::f_zeros(shape, (Kind::Float, network.device()))?;
         let cell = network.manifest().cells;

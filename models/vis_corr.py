@@ -1,0 +1,194 @@
+"""vis-corr: a light network behind the same contract, with the paper's visibility-aware aggregation and PointFlow.
+
+Views are compared by group-wise correlation (Guo et al., CVPR 2019), the mean product of a few channels of the
+reference's and a source's features, instead of by an MLP for every pair of views and every plane. Each source view
+is weighted per pixel by a learned visibility, and the weighted mean of all of them goes into one small 3D U-Net.
+One pyramid of features serves both stages. What correlates, weighs and sums is in the Rust crate `vamvs-net`.
+"""
+
+import json
+from typing import Final
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from layers import Conv2d, Conv3d, Deconv3d
+from va_point_mvsnet import POSITION_CHANNELS, FlowNet
+
+GROUP = 4  # channels that are correlated together
+HALF, QUARTER, EIGHTH = 16, 32, 32  # channels of the features at 1/2, 1/4, 1/8
+STRIDES = (4, 8)  # coarse resolutions
+
+
+def enlarged(x: Tensor) -> Tensor:
+    """Twice the size, pixel centres in their places."""
+    return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+
+
+class Even(nn.Module):
+    """Halves an image whose sides may be odd: the last row and column are repeated before."""
+
+    def __init__(self, c_in: int, c_out: int, norm: str) -> None:
+        super().__init__()
+        self.conv = Conv2d(c_in, c_out, 4, 2, norm)
+
+    def forward(self, x: Tensor) -> Tensor:
+        h, w = x.shape[2], x.shape[3]
+        if h % 2 + w % 2 > 0:
+            x = F.pad(x, [0, w % 2, 0, h % 2], mode="replicate")
+        return self.conv(x)
+
+
+class Pyramid(nn.Module):
+    """Features at 1/2, 1/4 and 1/8 that know their surroundings down to 1/32 (a feature pyramid network):
+    (B, 3, H, W), H and W multiples of 8, → (B, 16, H/2, W/2), (B, 32, H/4, W/4), (B, 32, H/8, W/8)."""
+
+    def __init__(self, norm: str) -> None:
+        super().__init__()
+        self.down1 = nn.Sequential(Conv2d(3, 16, 4, 2, norm), Conv2d(16, 16, 3, 1, norm))
+        self.down2 = nn.Sequential(Conv2d(16, 32, 4, 2, norm), Conv2d(32, 32, 3, 1, norm), Conv2d(32, 32, 3, 1, norm))
+        self.down3 = nn.Sequential(Conv2d(32, 48, 4, 2, norm), Conv2d(48, 48, 3, 1, norm), Conv2d(48, 48, 3, 1, norm))
+        self.down4 = nn.Sequential(Even(48, 64, norm), Conv2d(64, 64, 3, 1, norm))
+        self.down5 = nn.Sequential(Even(64, 64, norm), Conv2d(64, 64, 3, 1, norm))
+        self.up4 = nn.Conv2d(64, 64, 1)
+        self.up3, self.side3 = nn.Conv2d(64, EIGHTH, 1), nn.Conv2d(48, EIGHTH, 1, bias=False)
+        self.up2, self.side2 = nn.Conv2d(EIGHTH, QUARTER, 1), nn.Conv2d(32, QUARTER, 1, bias=False)
+        self.up1, self.side1 = nn.Conv2d(QUARTER, HALF, 1), nn.Conv2d(16, HALF, 1, bias=False)
+        self.out3 = nn.Conv2d(EIGHTH, EIGHTH, 3, padding=1, bias=False)
+        self.out2 = nn.Conv2d(QUARTER, QUARTER, 3, padding=1, bias=False)
+        self.out1 = nn.Conv2d(HALF, HALF, 3, padding=1, bias=False)
+
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        mean = images.mean(dim=(1, 2, 3), keepdim=True)
+        deviation = images.std(dim=(1, 2, 3), keepdim=True)
+        images = ((images - mean) / (deviation + 1e-3)).contiguous(memory_format=torch.channels_last)
+        half = self.down1(images)
+        quarter = self.down2(half)
+        eighth = self.down3(quarter)
+        sixteenth = self.down4(eighth)
+        far = enlarged(self.up4(self.down5(sixteenth)))
+        sixteenth = F.relu(sixteenth + far[:, :, : sixteenth.shape[2], : sixteenth.shape[3]])
+        wide = enlarged(self.up3(sixteenth))[:, :, : eighth.shape[2], : eighth.shape[3]]
+        eighth = wide + self.side3(eighth)
+        quarter = enlarged(self.up2(eighth)) + self.side2(quarter)
+        half = enlarged(self.up1(quarter)) + self.side1(half)
+        return self.out1(half), self.out2(quarter), self.out3(eighth)
+
+
+class SmallVolumeNet(nn.Module):
+    """Cost-volume regularisation: a 3D U-Net that works from half the resolution on, (B, C, D, h, w) → (B, D, h, w)."""
+
+    def __init__(self, channels: int, norm: str) -> None:
+        super().__init__()
+        a, b, c, d = 8, 16, 32, 64
+        self.same = Conv3d1(channels, a, norm)
+        self.scale2 = Conv3d(channels, b, 2, norm)
+        self.scale2_same = Conv3d(b, b, 1, norm)
+        self.scale4 = Conv3d(b, c, 2, norm)
+        self.scale4_same = Conv3d(c, c, 1, norm)
+        self.scale8 = Conv3d(c, d, 2, norm)
+        self.scale8_same = Conv3d(d, d, 1, norm)
+        self.up4 = Deconv3d(d, c, norm)
+        self.up2 = Deconv3d(c, b, norm)
+        self.up1 = Deconv3d(b, a, norm)
+        self.last = nn.Conv3d(a, 1, 3, padding=1, bias=False)
+
+    def forward(self, volume: Tensor) -> Tensor:
+        _, _, d, h, w = volume.shape
+        # Three halvings: pad each side to a multiple of 8 by repeating the border, crop at the end.
+        pad = [0, -w % 8, 0, -h % 8, 0, -d % 8]
+        if max(pad) > 0:
+            volume = F.pad(volume, pad, mode="replicate")
+        half = self.scale2_same(self.scale2(volume))
+        quarter = self.scale4_same(self.scale4(half))
+        eighth = self.scale8_same(self.scale8(quarter))
+        quarter = self.up4(eighth) + quarter
+        half = self.up2(quarter) + half
+        full = self.up1(half) + self.same(volume)
+        return self.last(full)[:, 0, :d, :h, :w]
+
+
+class Conv3d1(nn.Module):
+    """1×1×1 with normalisation and ReLU: the volume itself beside what the U-Net makes of it."""
+
+    def __init__(self, c_in: int, c_out: int, norm: str) -> None:
+        super().__init__()
+        self.conv = nn.Conv3d(c_in, c_out, 1, bias=True)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return F.relu(self.conv(x))
+
+
+class VisCorr(nn.Module):
+    """The network; `stride` is the coarse resolution."""
+
+    stride: Final[int]
+
+    def __init__(self, norm: str = "batch", stride: int = 4) -> None:
+        super().__init__()
+        if stride not in STRIDES:
+            raise ValueError(f"the stride must be one of {STRIDES}, not {stride}")
+        self.stride = stride
+        self.about = json.dumps(
+            {
+                "contract": 1,
+                "name": "vis-corr",
+                "aggregation": "vis-corr",
+                "group": GROUP,
+                "stride": stride,
+                "cells": stride,
+                "window": 2,
+                "neighbours": 16,
+                "hypotheses": 2,
+                "flow_layers": 3,
+                "planes": 48,
+                "iterations": [{"scale": 4, "step": 0.5}, {"scale": 4, "step": 0.2}],
+                "licence": "MIT OR Apache-2.0",
+                "trained_on": "nothing: random weights",
+                "scores": {},
+            }
+        )
+        groups = (QUARTER if stride == 4 else EIGHTH) // GROUP
+        fetched = (HALF + QUARTER + EIGHTH) // GROUP + QUARTER
+        self.pyramid = Pyramid(norm)
+        self.volume = SmallVolumeNet(groups, norm)
+        self.flow_net = FlowNet(fetched + POSITION_CHANNELS, norm, 2)
+        self.seen = nn.Sequential(Conv2d(2 * groups, 16, 3, 1, norm), Conv2d(16, 16, 3, 1, norm), nn.Conv2d(16, 1, 1))
+
+    @torch.jit.export
+    def manifest(self) -> str:
+        return self.about
+
+    @torch.jit.export
+    def set_manifest(self, about: str) -> None:
+        self.about = about
+
+    @torch.jit.export
+    def encode_coarse(self, images: Tensor) -> Tensor:
+        raise RuntimeError("vis-corr has one pyramid: encode_flow gives the coarse features too")
+
+    @torch.jit.export
+    def encode_flow(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        return self.pyramid(images)
+
+    @torch.jit.export
+    def relate(self, ref: Tensor, src: Tensor, depth: Tensor) -> Tensor:
+        raise RuntimeError("vis-corr correlates pairs of views, it relates none")
+
+    @torch.jit.export
+    def visibility(self, pooled: Tensor) -> Tensor:
+        return torch.sigmoid(self.seen(pooled))
+
+    @torch.jit.export
+    def regularize(self, volume: Tensor) -> Tensor:
+        return self.volume(volume)
+
+    @torch.jit.export
+    def relate_flow(self, ref: Tensor, src: Tensor) -> Tensor:
+        raise RuntimeError("vis-corr correlates pairs of views, it relates none")
+
+    @torch.jit.export
+    def flow(self, features: Tensor, neighbours: Tensor) -> Tensor:
+        scores = [self.flow_net(features[b].t(), neighbours[b]) for b in range(features.shape[0])]
+        return torch.stack(scores)
