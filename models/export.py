@@ -88,6 +88,9 @@ def main() -> None:
         metavar="FILE.pt",
         help="start from the weights of this network, or the mean of several, in all layers that both have",
     )
+    parser.add_argument(
+        "--renew", action="store_true", help="keep all of the manifest of --like too: the same network, its code as it is now"
+    )
     parser.add_argument("--flow-like", metavar="FILE.pt", help="the flow's weights of this one instead")
     arguments = parser.parse_args()
     if arguments.flow_like is not None and arguments.like is None:
@@ -125,6 +128,8 @@ def main() -> None:
             runs += [f"the flow: {run}" for run in of_flow if run not in runs]
         about = json.loads(module.manifest())
         about["trained_on"] = "; ".join(runs)
+        if arguments.renew:
+            about = {**about, **json.loads(others[0].manifest())}
         module.set_manifest(json.dumps(about))
     torch.jit.script(module.eval()).save(arguments.out)
 

@@ -128,6 +128,14 @@ class Conv3d(nn.Module):
         self.conv = nn.Conv3d(c_in, c_out, 3, stride, 1, bias=False)
         self.norm = normalisation(norm, c_out, 3, False)
 
+    def folded(self) -> tuple[Tensor, Tensor]:
+        """Weight and shift of the layer before its ReLU, in evaluation mode with BatchNorm."""
+        if self.batch:
+            n = self.norm
+            scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
+            return self.conv.weight * scale[:, None, None, None, None], shift
+        raise RuntimeError("only a BatchNorm can be folded")
+
     def forward(self, x: Tensor) -> Tensor:
         if self.batch:
             if not self.training:

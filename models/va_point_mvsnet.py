@@ -70,18 +70,53 @@ class VolumeNet(nn.Module):
 
     def forward(self, volume: Tensor) -> Tensor:
         _, _, d, h, w = volume.shape
-        # Three halvings: pad each side to a multiple of 8 by repeating the border, crop at the end.
-        pad = [0, -w % 8, 0, -h % 8, 0, -d % 8]
-        if max(pad) > 0:
-            volume = F.pad(volume, pad, mode="replicate")
-        full = self.scale1(volume)
-        half = self.scale2(volume)
+        volume = padded(volume)
+        return self.costs(self.scale1(volume), self.scale2(volume))[:, 0, :d, :h, :w]
+
+    def costs(self, full: Tensor, half: Tensor) -> Tensor:
         quarter = self.scale4(half)
         eighth = self.scale8_same(self.scale8(quarter))
         quarter = self.up4(eighth) + self.scale4_same(quarter)
         half = self.up2(quarter) + self.scale2_same(half)
-        full = self.up1(half) + full
-        return self.last(full)[:, 0, :d, :h, :w]
+        return self.last(self.up1(half) + full)
+
+    def slab(self, planes: Tensor) -> tuple[Tensor, Tensor]:
+        """The first two layers before their ReLU, on a few planes with one more before and one after, so that the
+        volume never exists whole: (1, C, D + 2, h, w), D even, → at full and at half resolution. C may be fewer than the
+        layers' channels: the last ones are added by `slabs`."""
+        weight1, _ = self.scale1.folded()
+        weight2, _ = self.scale2.folded()
+        c, h, w = planes.shape[1], planes.shape[3], planes.shape[4]
+        if h % 8 + w % 8 > 0:
+            planes = F.pad(planes, [0, -w % 8, 0, -h % 8, 0, 0], mode="replicate")
+        # Contiguous, for what is cut from a folded weight is not.
+        full = F.conv3d(planes, weight1[:, :c].contiguous(), None, 1, [0, 1, 1])
+        return full, F.conv3d(planes, weight2[:, :c].contiguous(), None, 2, [0, 1, 1])
+
+    def slabs(self, full: Tensor, half: Tensor, last: Tensor) -> Tensor:
+        """The rest, on what `slab` gave for all planes and the last channels of the volume, which may be none:
+        (1, a, D', h', w'), (1, b, D'/2, h'/2, w'/2), (1, C, D, h, w) → (1, D, h, w). Overwrites the first two."""
+        weight1, shift1 = self.scale1.folded()
+        weight2, shift2 = self.scale2.folded()
+        _, c, d, h, w = last.shape
+        if c > 0:
+            last = padded(last)
+            full.add_(F.conv3d(last, weight1[:, -c:].contiguous(), None, 1, 1))
+            half.add_(F.conv3d(last, weight2[:, -c:].contiguous(), None, 2, 1))
+        full = full.add_(shift1[:, None, None, None]).relu_()
+        half = half.add_(shift2[:, None, None, None]).relu_()
+        quarter = self.scale4(half)
+        eighth = self.scale8_same(self.scale8(quarter))
+        quarter = self.up4(eighth).add_(self.scale4_same(quarter))
+        half = self.up2(quarter).add_(self.scale2_same(half))
+        return self.last(full.add_(self.up1(half)))[:, 0, :d, :h, :w]
+
+
+def padded(volume: Tensor) -> Tensor:
+    """Each side padded to a multiple of 8, for three halvings, by repeating the border: (B, C, D, h, w)."""
+    _, _, d, h, w = volume.shape
+    pad = [0, -w % 8, 0, -h % 8, 0, -d % 8]
+    return F.pad(volume, pad, mode="replicate") if max(pad) > 0 else volume
 
 
 class EdgeConv(nn.Module):
@@ -263,6 +298,8 @@ class VaPointMvsNet(nn.Module):
             "trained_on": "nothing: random weights",
             "scores": {},
         }
+        if norm == "batch":
+            about["slabs"] = True
         if matched:
             about["averaged"] = 1
         if window is not None:
@@ -347,6 +384,18 @@ class VaPointMvsNet(nn.Module):
             joined = torch.cat((volume, likely), dim=1)
             return self.volume(joined) + self.trust * costs
         return self.volume(volume)
+
+    @torch.jit.export
+    def regularize_slab(self, planes: Tensor) -> tuple[Tensor, Tensor]:
+        return self.volume.slab(planes)
+
+    @torch.jit.export
+    def regularize_slabs(self, full: Tensor, half: Tensor, averaged: Tensor) -> Tensor:
+        if self.matched:
+            costs = self.matcher.costs(averaged[:, 0])
+            likely = torch.softmax(-costs, dim=1)[:, None]
+            return self.volume.slabs(full, half, likely) + self.trust * costs
+        return self.volume.slabs(full, half, averaged)
 
     @torch.jit.export
     def relate_flow(self, ref: Tensor, src: Tensor) -> Tensor:

@@ -14,7 +14,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from layers import Conv2d, Conv3d, Deconv3d
-from va_point_mvsnet import POSITION_CHANNELS, FlowNet
+from va_point_mvsnet import POSITION_CHANNELS, FlowNet, padded
 
 GROUP = 4  # channels that are correlated together
 HALF, QUARTER, EIGHTH = 16, 32, 32  # channels of the features at 1/2, 1/4, 1/8
@@ -82,7 +82,7 @@ class SmallVolumeNet(nn.Module):
     def __init__(self, channels: int, norm: str) -> None:
         super().__init__()
         a, b, c, d = 8, 16, 32, 64
-        self.same = Conv3d1(channels, a, norm)
+        self.same = nn.Conv3d(channels, a, 1)
         self.scale2 = Conv3d(channels, b, 2, norm)
         self.scale2_same = Conv3d(b, b, 1, norm)
         self.scale4 = Conv3d(b, c, 2, norm)
@@ -96,28 +96,14 @@ class SmallVolumeNet(nn.Module):
 
     def forward(self, volume: Tensor) -> Tensor:
         _, _, d, h, w = volume.shape
-        # Three halvings: pad each side to a multiple of 8 by repeating the border, crop at the end.
-        pad = [0, -w % 8, 0, -h % 8, 0, -d % 8]
-        if max(pad) > 0:
-            volume = F.pad(volume, pad, mode="replicate")
+        volume = padded(volume)
         half = self.scale2_same(self.scale2(volume))
         quarter = self.scale4_same(self.scale4(half))
         eighth = self.scale8_same(self.scale8(quarter))
         quarter = self.up4(eighth) + quarter
         half = self.up2(quarter) + half
-        full = self.up1(half) + self.same(volume)
+        full = self.up1(half) + F.relu(self.same(volume))
         return self.last(full)[:, 0, :d, :h, :w]
-
-
-class Conv3d1(nn.Module):
-    """1×1×1 with normalisation and ReLU: the volume itself beside what the U-Net makes of it."""
-
-    def __init__(self, c_in: int, c_out: int, norm: str) -> None:
-        super().__init__()
-        self.conv = nn.Conv3d(c_in, c_out, 1, bias=True)
-
-    def forward(self, x: Tensor) -> Tensor:
-        return F.relu(self.conv(x))
 
 
 class VisCorr(nn.Module):

@@ -8,9 +8,9 @@ use nalgebra::{Rotation3, Vector3};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, DepthRange, Photo, Planes, Pose, Size, Spacing};
 use vamvs_io::image::resize;
-use vamvs_net::cost_volume::sweep;
+use vamvs_net::cost_volume::{Swept, costs, sweep};
 use vamvs_net::tch::{self, Kind, Tensor};
-use vamvs_net::{Device, Estimator, EstimatorOptions, Iteration, Network, Profile};
+use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Iteration, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
 
 const AGGREGATIONS: [&str; 6] = ["avg", "max", "var", "vis-avg", "vis-max", "vis-var"];
@@ -123,6 +123,44 @@ fn a_network_that_asks_for_it_looks_at_the_first_sources_alone_in_its_flow() {
     assert!(flow(&estimator, &[1, 2, 3]).equal(&two));
 }
 
+/// A sweep with slabs of any size.
+fn swept<'a>(
+    network: &'a Network,
+    reference: &'a EncodedView,
+    sources: &'a [&'a EncodedView],
+    planes: &'a Planes,
+    level: usize,
+) -> Swept<'a> {
+    Swept { network, reference, sources, planes, level, slab_bytes: usize::MAX }
+}
+
+/// The volume of the paper's networks is never whole; what is regularised slab by slab is as if it were.
+#[test]
+fn a_volume_that_is_never_whole_gives_the_costs_of_a_whole_one() {
+    let views = fixtures::still_life(Size::new(107, 85), 3);
+    for (name, level) in [("weights/vis-max", 0), ("weights/vis-max", 1), ("weights/vis-var", 0), ("var", 0)]
+    {
+        let network = module(name);
+        assert!(network.manifest().slabs, "{name}");
+        tch::no_grad(|| {
+            let encoded: Vec<_> = views.iter().map(|view| network.encode(&view.photo).unwrap()).collect();
+            let sources: Vec<_> = encoded[1..].iter().collect();
+            for count in [13, 24] {
+                let planes = planes(&views[0], count);
+                let whole = swept(&network, &encoded[0], &sources, &planes, level);
+                let expected = network.regularize(&sweep(&whole, None).unwrap().volume).unwrap();
+                for slab_bytes in [1, 100_000, usize::MAX] {
+                    let cut = Swept { slab_bytes, ..whole };
+                    let found = costs(&cut, None, &mut Profile::default()).unwrap().costs;
+                    let difference = (&found - &expected).abs().max().double_value(&[]);
+                    let largest = expected.abs().max().double_value(&[]);
+                    assert!(difference < 1e-4 * largest, "{name}, {count} planes: {difference} of {largest}");
+                }
+            }
+        });
+    }
+}
+
 /// What the shipped vis-max averages, and what it takes the largest of.
 #[test]
 fn of_a_volume_the_last_channels_are_means_over_the_views_and_the_others_maxima() {
@@ -134,9 +172,8 @@ fn of_a_volume_the_last_channels_are_means_over_the_views_and_the_others_maxima(
         let encoded: Vec<_> = views.iter().map(|view| network.encode(&view.photo).unwrap()).collect();
         let sources: Vec<_> = encoded[1..].iter().collect();
         let planes = planes(&views[0], 16);
-        let volume = |sources: &[_]| {
-            sweep(&network, &encoded[0], sources, &planes, 0, None, usize::MAX).unwrap().volume
-        };
+        let volume =
+            |sources: &[_]| sweep(&swept(&network, &encoded[0], sources, &planes, 0), None).unwrap().volume;
         let single = Tensor::cat(&sources.iter().map(|source| volume(&[*source])).collect::<Vec<_>>(), 0);
         let split = single.size()[1] - averaged;
         let largest = single.narrow(1, 0, split).amax(0, true);
@@ -295,7 +332,7 @@ fn the_wide_cells_of_enlarged_photographs_are_the_cells_of_the_photographs() {
         tch::no_grad(|| {
             let encoded: Vec<_> = views.iter().map(|view| network.encode(&view.photo).unwrap()).collect();
             let sources: Vec<_> = encoded[1..].iter().collect();
-            sweep(&network, &encoded[0], &sources, &planes, level, None, usize::MAX).unwrap().volume
+            sweep(&swept(&network, &encoded[0], &sources, &planes, level), None).unwrap().volume
         })
     };
     let (wide, small) = (volume(8, 0), volume(4, 0));

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use vamvs_core::{Grid, Planes, Size, Spacing, Visibility};
 use vamvs_io::pfm;
-use vamvs_net::cost_volume::sweep;
+use vamvs_net::cost_volume::{Swept, sweep};
 use vamvs_net::tch::{self, Kind, Tensor};
 use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Mode, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
@@ -340,8 +340,15 @@ fn views_can_be_weighted_by_the_true_visibility() {
     assert!(masks[0].equal(&left.ones_like()) && masks[1].equal(&left), "{:?}", masks[1]);
     let swept = |seen| {
         let sources: Vec<_> = views[1..].iter().collect();
-        let network = estimator.network();
-        tch::no_grad(|| sweep(network, &views[0], &sources, &sample.planes, 0, seen, usize::MAX)).unwrap()
+        let swept = Swept {
+            network: estimator.network(),
+            reference: &views[0],
+            sources: &sources,
+            planes: &sample.planes,
+            level: 0,
+            slab_bytes: usize::MAX,
+        };
+        tch::no_grad(|| sweep(&swept, seen)).unwrap()
     };
     let (own, given) = (swept(None), swept(Some(masks)));
     assert!(given.visibility[1].equal(&left) && !own.visibility[1].equal(&left));

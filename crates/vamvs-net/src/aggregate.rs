@@ -60,7 +60,7 @@ impl Aggregation {
 }
 
 /// What keeps the weighted mean finite where no view sees anything (ε).
-const UNSEEN: f64 = 1e-3;
+pub(crate) const UNSEEN: f64 = 1e-3;
 
 /// A reduction over views in progress.
 #[derive(Debug)]
@@ -112,7 +112,8 @@ impl Reducer {
                 accumulate(sum, features)
             }
             Self::WeightedMean { sum, weight } => {
-                let one = || features.f_new_ones(vec![1; features.dim()], (features.kind(), features.device()));
+                let one =
+                    || features.f_new_ones(vec![1; features.dim()], (features.kind(), features.device()));
                 let visibility = visibility.map_or_else(one, |seen| Ok(seen.shallow_clone()))?;
                 accumulate(weight, &visibility)?;
                 accumulate(sum, &features.f_mul(&visibility)?)

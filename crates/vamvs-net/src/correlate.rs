@@ -3,17 +3,17 @@
 
 use tch::{Kind, TchError, Tensor};
 
-/// Mean product of each group of `group` neighbouring channels: reference (1, C, …), source (D, C, …) →
-/// (D, C / group, …).
+/// Mean product of each of G = C / `group` groups of channels, channel c being of group c mod G: reference (1, C, …),
+/// source (D, C, …) → (D, G, …). Groups are interleaved so that those of a place are neighbours in memory.
 ///
 /// # Errors
 /// If C is no multiple of `group`, or memory runs out.
 pub fn correlation(reference: &Tensor, source: &Tensor, group: usize) -> Result<Tensor, TchError> {
     let mut shape = source.size();
     shape[1] /= group as i64;
-    shape.insert(2, group as i64);
-    let product = reference.f_mul(source)?.f_view(shape.as_slice())?;
-    product.f_mean_dim([2].as_slice(), false, Kind::Float)
+    shape.insert(1, group as i64);
+    let product = reference.f_mul(source)?.f_reshape(shape.as_slice())?;
+    product.f_mean_dim([1].as_slice(), false, Kind::Float)
 }
 
 /// What a view's visibility is told by: the largest and the mean correlation over all planes, (D, G, h, w) →
@@ -32,12 +32,12 @@ mod tests {
     use tch::Device;
 
     #[test]
-    fn groups_are_mean_products_of_neighbouring_channels() {
+    fn groups_are_mean_products_of_interleaved_channels() {
         let reference = Tensor::from_slice(&[1.0_f32, 2.0, 3.0, 4.0]).view([1, 4, 1]);
         let source = Tensor::from_slice(&[1.0_f32, 0.0, 1.0, 1.0, 2.0, 2.0, 0.0, -1.0]).view([2, 4, 1]);
         let found = correlation(&reference, &source, 2).unwrap();
         assert_eq!(found.size(), [2, 2, 1]);
-        assert!(found.flatten(0, -1).equal(&Tensor::from_slice(&[0.5_f32, 3.5, 3.0, -2.0])));
+        assert!(found.flatten(0, -1).equal(&Tensor::from_slice(&[2.0_f32, 2.0, 1.0, 0.0])));
         assert!(correlation(&reference, &source, 3).is_err());
     }
 

@@ -7,7 +7,11 @@ use tch::{Kind, TchError, Tensor};
 use vamvs_core::Planes;
 
 use crate::correlate::{correlation, pooled};
+use crate::native::transfer::Transfer;
+use crate::native::{self, Level, in_memory};
+use crate::profile::{Profile, Stage};
 use crate::project::{Outside, PixelLattice, Projection, depth_of, sample};
+use crate::slabs::Slabs;
 use crate::{Aggregation, EncodedView, NetError, Network};
 
 /// The sweep of one reference view.
@@ -16,9 +20,19 @@ struct Sweep<'a> {
     reference: &'a EncodedView,
     sources: Vec<(&'a EncodedView, Projection)>,
     planes: &'a Planes,
+    lattice: PixelLattice,
     /// Which of the views' coarse features are swept.
     level: usize,
     slab: usize,
+}
+
+/// The costs of the planes, and for vis-var and vis-corr the visibility masks.
+#[derive(Debug)]
+pub struct Costs {
+    /// (1, D, h, w), low is likely.
+    pub costs: Tensor,
+    /// For each source view (1, 1, h, w) in [0, 1]; empty unless the aggregation weighs views.
+    pub visibility: Vec<Tensor>,
 }
 
 /// The aggregated volume, and for vis-var and vis-corr the visibility masks.
@@ -30,39 +44,82 @@ pub struct CostVolume {
     pub visibility: Vec<Tensor>,
 }
 
-/// Sweeps `planes` through the coarse features of the reference and its sources: at `level` 0 those of the network's
-/// cells, at 1 of cells twice as wide, where photographs were enlarged. A slab of warped features takes at most
-/// `slab_bytes`, or one plane if that is more. Where the aggregation weighs views, `seen` are masks to do it by,
-/// instead of the network's.
+/// What to sweep: `planes` through the coarse features of `reference` and `sources`.
+#[derive(Clone, Copy, Debug)]
+pub struct Swept<'a> {
+    /// The network.
+    pub network: &'a Network,
+    /// The view whose depth is sought.
+    pub reference: &'a EncodedView,
+    /// The views it is compared with.
+    pub sources: &'a [&'a EncodedView],
+    /// The planes.
+    pub planes: &'a Planes,
+    /// 0: features of the network's cells. 1: of cells twice as wide, where photographs were enlarged.
+    pub level: usize,
+    /// Memory of a slab of warped features, or one plane if that is more, bytes.
+    pub slab_bytes: usize,
+}
+
+/// The whole volume of a sweep. Where the aggregation weighs views, `seen` are masks to do it by, instead of the
+/// network's.
 ///
 /// # Errors
 /// If the module breaks its contract or memory runs out.
-pub fn sweep(
-    network: &Network,
-    reference: &EncodedView,
-    sources: &[&EncodedView],
-    planes: &Planes,
-    level: usize,
-    seen: Option<Vec<Tensor>>,
-    slab_bytes: usize,
-) -> Result<CostVolume, NetError> {
-    let cell = reference.stride << level;
-    let lattice = PixelLattice::new(cell, (0, 0), 1, reference.size_at(cell));
-    let sources = sources
-        .iter()
-        .map(|source| Ok((*source, Projection::new(&lattice, reference, source, planes.range.near)?)))
-        .collect::<Result<_, TchError>>()?;
-    let plane_bytes = reference.coarse[level].numel() * size_of::<f32>();
-    let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
-    let sweep = Sweep { network, reference, sources, planes, level, slab };
-    if network.manifest().aggregation.correlates() {
+pub fn sweep(swept: &Swept<'_>, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
+    let sweep = Sweep::new(swept)?;
+    if swept.network.manifest().aggregation.correlates() {
         return sweep.correlate(seen);
     }
-    let visibility = match seen {
-        Some(seen) if network.manifest().aggregation.weighs_views() => seen,
-        _ => sweep.visibility()?,
-    };
+    let visibility = sweep.masks(seen)?;
     Ok(CostVolume { volume: sweep.volume(&visibility)?, visibility })
+}
+
+/// The regularised costs of a sweep; `seen` as for [`sweep`]. Where the module can and no gradient is asked for, the
+/// volume is never whole: its planes go through the first layers slab by slab, and those have few channels.
+///
+/// # Errors
+/// As [`sweep`].
+pub fn costs(swept: &Swept<'_>, seen: Option<Vec<Tensor>>, profile: &mut Profile) -> Result<Costs, NetError> {
+    let network = swept.network;
+    let learns = swept.reference.coarse[swept.level].requires_grad();
+    if !network.manifest().slabs || learns {
+        let CostVolume { volume, visibility } = profile.time(Stage::Sweep, || sweep(swept, seen))?;
+        let costs = profile.time(Stage::Regularize, || network.regularize(&volume))?;
+        return Ok(Costs { costs, visibility });
+    }
+    let sweep = Sweep::new(swept)?;
+    let visibility = profile.time(Stage::Sweep, || sweep.masks(seen))?;
+    let mut slabs = Slabs::new(network, swept.planes.count);
+    for first in (0..swept.planes.count).step_by(sweep.slab) {
+        let slab = profile.time(Stage::Sweep, || sweep.aggregate(first, &visibility))?;
+        let slab = slab.f_permute([1, 0, 2, 3])?.f_unsqueeze(0)?;
+        profile.time(Stage::Regularize, || slabs.add(&slab))?;
+    }
+    Ok(Costs { costs: profile.time(Stage::Regularize, || slabs.finish())?, visibility })
+}
+
+impl<'a> Sweep<'a> {
+    fn new(swept: &Swept<'a>) -> Result<Self, TchError> {
+        let Swept { network, reference, sources, planes, level, slab_bytes } = *swept;
+        let cell = reference.stride << level;
+        let lattice = PixelLattice::new(cell, (0, 0), 1, reference.size_at(cell));
+        let sources = sources
+            .iter()
+            .map(|source| Ok((*source, Projection::new(&lattice, reference, source, planes.range.near)?)))
+            .collect::<Result<_, TchError>>()?;
+        let plane_bytes = reference.coarse[level].numel() * size_of::<f32>();
+        let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
+        Ok(Self { network, reference, sources, planes, lattice, level, slab })
+    }
+
+    /// The masks to weigh views by: `seen` if they are given and weigh anything, else the network's.
+    fn masks(&self, seen: Option<Vec<Tensor>>) -> Result<Vec<Tensor>, NetError> {
+        match seen {
+            Some(seen) if self.network.manifest().aggregation.weighs_views() => Ok(seen),
+            _ => self.visibility(),
+        }
+    }
 }
 
 impl Sweep<'_> {
@@ -73,6 +130,9 @@ impl Sweep<'_> {
     /// vis-corr: the mean over the source views of their correlations with the reference, each weighted by what the
     /// view sees.
     fn correlate(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
+        if native::serves(self.network, &self.reference.flow) {
+            return self.correlate_natively(seen);
+        }
         let mut reducer = self.network.manifest().aggregation.reducer();
         let mut visibility = Vec::with_capacity(self.sources.len());
         for (index, (source, projection)) in self.sources.iter().enumerate() {
@@ -86,6 +146,37 @@ impl Sweep<'_> {
         }
         let volume = reducer.finish()?.ok_or_else(no_views)?;
         Ok(CostVolume { volume: volume.f_permute([1, 0, 2, 3])?.f_unsqueeze(0)?.f_contiguous()?, visibility })
+    }
+
+    /// The same by native kernels.
+    fn correlate_natively(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
+        let (depths, _) = self.depths(0, self.planes.count)?;
+        let reference = self.features(self.reference);
+        let swept = native::sweep::Swept {
+            reference: Level::of(reference)?,
+            lattice: &self.lattice,
+            depths: in_memory(&depths)?,
+            groups: reference.size()[1] as usize / self.network.manifest().group,
+        };
+        let sources = self.sources.iter().map(|(source, _)| self.native_source(source));
+        let sources: Vec<_> = sources.collect::<Result<_, NetError>>()?;
+        let visibility: Vec<Tensor> = match seen {
+            Some(seen) => seen,
+            None => {
+                let mask = |source| self.network.visibility(&native::sweep::pooled(&swept, source)?);
+                sources.iter().map(mask).collect::<Result<_, _>>()?
+            }
+        };
+        let masks: Vec<Tensor> = visibility.iter().map(Tensor::f_contiguous).collect::<Result<_, _>>()?;
+        let masks: Vec<&[f32]> = masks.iter().map(in_memory).collect::<Result<_, _>>()?;
+        let volume = native::sweep::volume(&swept, &sources, &masks)?;
+        Ok(CostVolume { volume, visibility })
+    }
+
+    /// A source view as the native kernels see it.
+    fn native_source<'b>(&self, source: &'b EncodedView) -> Result<native::sweep::Source<'b>, NetError> {
+        let transfer = Transfer::new(self.reference, source, self.planes.range.near);
+        Ok(native::sweep::Source { level: Level::of(&source.coarse[self.level])?, transfer })
     }
 
     /// The correlation of one source view with the reference at all planes, (D, G, h, w).
@@ -176,7 +267,11 @@ impl Sweep<'_> {
 
     /// Depths of a slab's planes in units of `near`, (D', 1), and their coordinates in [0, 1], (D').
     fn slab_depths(&self, first: usize) -> Result<(Tensor, Tensor), TchError> {
-        let end = (first + self.slab).min(self.planes.count);
+        self.depths(first, (first + self.slab).min(self.planes.count))
+    }
+
+    /// The same of the planes `first..end`.
+    fn depths(&self, first: usize, end: usize) -> Result<(Tensor, Tensor), TchError> {
         let options = (Kind::Float, self.features(self.reference).device());
         let u = Tensor::f_arange_start(first as i64, end as i64, options)?;
         let coordinate = u.f_div_scalar((self.planes.count - 1) as f64)?;

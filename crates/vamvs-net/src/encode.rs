@@ -4,6 +4,7 @@ use tch::{Kind, TchError, Tensor};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{Grid, Intrinsics, Photo, Pinhole, Pose, Rgb, Size};
 
+use crate::native;
 use crate::{Device, Iteration, Manifest, NetError, Network};
 
 /// The paper's stride of the coarse features, the largest of all, and the multiple to which images are padded.
@@ -61,7 +62,12 @@ impl Network {
         let enlarge = self.enlarge();
         let image = image_tensor(photo)?.f_to_device(self.device())?;
         let large = enlarged(&image, enlarge)?;
-        let flow = self.encode_flow(&large)?;
+        let mut flow = self.encode_flow(&large)?;
+        if native::serves(self, &flow) {
+            for level in &mut flow {
+                *level = native::channels_last(level)?;
+            }
+        }
         let mut coarse = vec![match self.shared_level() {
             Some(level) => flow[level].shallow_clone(),
             None => self.encode_coarse(&large)?,

@@ -8,7 +8,7 @@ use vamvs_core::complete::Completion;
 use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Size};
 
 use crate::coarse::{PlaneMap, expectation, where_unsure};
-use crate::cost_volume::{CostVolume, sweep};
+use crate::cost_volume::{self, Costs, Swept};
 use crate::encode::COARSE_SCALE;
 use crate::manifest::check_iterations;
 use crate::point_flow::{FlowStage, enlarge};
@@ -276,12 +276,11 @@ impl Estimator {
         seen: Option<Vec<Tensor>>,
         profile: &mut Profile,
     ) -> Result<Coarse, NetError> {
-        let (network, slab) = (&self.network, self.options.slab_bytes);
+        let (network, slab_bytes) = (&self.network, self.options.slab_bytes);
         let wide_masks = seen.as_ref().map(|masks| masks.iter().map(halved).collect::<Result<_, _>>());
         let mut costs_at = |level: usize, seen: Option<Vec<Tensor>>| {
-            let swept = || sweep(network, reference, sources, planes, level, seen, slab);
-            let CostVolume { volume, visibility } = profile.time(Stage::Sweep, swept)?;
-            let costs = profile.time(Stage::Regularize, || network.regularize(&volume))?;
+            let swept = Swept { network, reference, sources, planes, level, slab_bytes };
+            let Costs { costs, visibility } = cost_volume::costs(&swept, seen, profile)?;
             Ok::<_, NetError>((costs, visibility))
         };
         let (mut costs, visibility) = costs_at(0, seen)?;

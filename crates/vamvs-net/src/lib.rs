@@ -21,10 +21,12 @@ pub mod error;
 pub mod estimator;
 pub mod fovea;
 pub mod manifest;
+mod native;
 pub mod point_flow;
 pub mod profile;
 pub mod project;
 pub mod script;
+mod slabs;
 mod surfaces;
 
 pub use aggregate::Aggregation;

@@ -28,6 +28,9 @@ pub struct Manifest {
     pub hypotheses: usize,
     /// How many times `flow` looks from a point to its neighbours: its receptive field in windows.
     pub flow_layers: usize,
+    /// Whether the module regularises a volume that is never whole, by `regularize_slab` and `regularize_slabs`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub slabs: bool,
     /// Of the channels that `relate` gives, the last so many are averaged over the source views, whatever the
     /// aggregation (vis-avg, vis-max).
     #[serde(default, skip_serializing_if = "is_zero")]
@@ -114,7 +117,8 @@ impl Manifest {
                 manifest.neighbours, manifest.hypotheses
             )));
         }
-        check_cells(manifest.cells, manifest.stride).map_err(|problem| wrong(format!("is not to be used: {problem}")))?;
+        check_cells(manifest.cells, manifest.stride)
+            .map_err(|problem| wrong(format!("is not to be used: {problem}")))?;
         if manifest.aggregation.correlates() && !(1..=256).contains(&manifest.group) {
             let group = manifest.group;
             return Err(wrong(format!("correlates groups of {group} channels: expected 1 to 256 (group)")));
@@ -148,7 +152,9 @@ pub(crate) fn check_cells(cells: usize, stride: usize) -> Result<(), String> {
     match (cells, stride) {
         (8, 8) | (4, 8 | 4) => Ok(()),
         (_, 8) => Err(format!("cells of {cells} pixels are asked for: expected 8 or 4")),
-        (_, 4) => Err(format!("cells of {cells} pixels are asked for: expected 4, the network's coarse stride")),
+        (_, 4) => {
+            Err(format!("cells of {cells} pixels are asked for: expected 4, the network's coarse stride"))
+        }
         _ => Err(format!("coarse features have a stride of {stride} pixels: expected 8 or 4")),
     }
 }

@@ -12,6 +12,8 @@ use vamvs_core::{Planes, Size};
 
 use crate::coarse::{PlaneMap, around};
 use crate::correlate::correlation;
+use crate::native::transfer::Transfer;
+use crate::native::{self, Level, fetch, in_memory, in_memory_mut};
 use crate::profile::{Profile, Stage};
 use crate::project::{Outside, PixelLattice, Projection, depth_of, sample};
 use crate::script::{CONTEXT_LEVEL, POSITION_CHANNELS};
@@ -71,7 +73,8 @@ impl FlowStage<'_> {
         profile: &mut Profile,
     ) -> Result<PlaneMap, NetError> {
         let scale = self.iteration.scale;
-        let lattice = PixelLattice::new(scale, (x, y), self.reference.stride / scale, self.reference.size_at(scale));
+        let lattice =
+            PixelLattice::new(scale, (x, y), self.reference.stride / scale, self.reference.size_at(scale));
         let rows = lattice.y.len();
         let reach = self.network.manifest().flow_layers * WINDOW_RADIUS;
         let mut strips = Vec::new();
@@ -130,6 +133,9 @@ impl FlowStage<'_> {
 
     /// Features of all points with their positions: (1, C'' + 24, P).
     fn features(&self, lattice: &PixelLattice, depth: &Tensor, points: &Tensor) -> Result<Tensor, NetError> {
+        if native::serves(self.network, &self.reference.flow) {
+            return self.native_features(lattice, depth, points);
+        }
         let aggregated = self.fetch(lattice, depth)?; // (J, C'', h·w)
         let channels = aggregated.size()[1];
         let aggregated = aggregated.f_permute([1, 2, 0])?.f_reshape([channels, -1])?; // (C'', P)
@@ -158,8 +164,7 @@ impl FlowStage<'_> {
             }
             let mask = self.visibility.get(index).map(|mask| self.mask(mask, &reference_grid)).transpose()?;
             if aggregation.correlates() {
-                let group = self.network.manifest().group;
-                reducer.add(&correlation(&reference, &fetched, group)?, mask.as_ref())?;
+                reducer.add(&self.correlations(&reference, &fetched)?, mask.as_ref())?;
             } else {
                 reducer.add(&fetched, mask.as_ref())?;
             }
@@ -171,6 +176,72 @@ impl FlowStage<'_> {
             return self.with_context(&aggregated, &reference);
         }
         Ok(aggregated)
+    }
+
+    /// vis-corr: the correlations of fetched features (J, C, h·w) with the reference's (1, C, h·w), level by level.
+    fn correlations(&self, reference: &Tensor, fetched: &Tensor) -> Result<Tensor, TchError> {
+        let group = self.network.manifest().group;
+        let widths = self.reference.flow.each_ref().map(|level| level.size()[1]);
+        let level = |index: usize| {
+            let (first, width) = (widths[..index].iter().sum(), widths[index]);
+            correlation(&reference.f_narrow(1, first, width)?, &fetched.f_narrow(1, first, width)?, group)
+        };
+        Tensor::f_cat(&[level(0)?, level(1)?, level(2)?], 1)
+    }
+
+    /// As [`FlowStage::features`] by native kernels: the same, points row by row.
+    fn native_features(
+        &self,
+        lattice: &PixelLattice,
+        depth: &Tensor,
+        points: &Tensor,
+    ) -> Result<Tensor, NetError> {
+        let (grid, group) = (lattice.grid(self.reference, depth.device())?, self.network.manifest().group);
+        let reference = fetch_levels(&self.reference.flow, &grid, Outside::Border)?; // (1, C, h·w)
+        let reference = reference.f_squeeze_dim(0)?.f_tr()?.f_contiguous()?; // (h·w, C)
+        let masks = self.visibility[..self.sources.len()].iter();
+        let masks = masks.map(|mask| self.mask(mask, &grid)?.f_contiguous());
+        let masks: Vec<Tensor> = masks.collect::<Result<_, TchError>>()?;
+        let sources = self.sources.iter().zip(&masks).map(|(source, mask)| self.native_source(source, mask));
+        let sources: Vec<_> = sources.collect::<Result<_, NetError>>()?;
+        let depth = depth.f_contiguous()?;
+        let about =
+            fetch::Points { lattice, depths: in_memory(&depth)?, reference: in_memory(&reference)?, group };
+        let correlated = reference.size()[1] / group as i64;
+        let rows = Tensor::f_empty([points.size()[1], correlated], (Kind::Float, tch::Device::Cpu))?;
+        fetch::correlations(&about, &sources, in_memory_mut(&rows)?, correlated as usize);
+        self.with_surroundings(&rows, &reference, points)
+    }
+
+    /// A source view as the native kernels see it, with its mask at the pixels, (h·w).
+    fn native_source<'b>(
+        &self,
+        source: &'b EncodedView,
+        mask: &'b Tensor,
+    ) -> Result<fetch::Source<'b>, NetError> {
+        let [half, quarter, eighth] = &source.flow;
+        Ok(fetch::Source {
+            levels: [Level::of(half)?, Level::of(quarter)?, Level::of(eighth)?],
+            transfer: Transfer::new(self.reference, source, self.planes.range.near),
+            mask: in_memory(mask)?,
+        })
+    }
+
+    /// Correlations (P, C'') with the reference's own features at 1/4 and the positions beside them: (1, C''' + 24, P).
+    fn with_surroundings(
+        &self,
+        rows: &Tensor,
+        reference: &Tensor,
+        points: &Tensor,
+    ) -> Result<Tensor, NetError> {
+        let widths = self.reference.flow.each_ref().map(|level| level.size()[1]);
+        let first = widths[..CONTEXT_LEVEL].iter().sum();
+        let context = reference.f_narrow(1, first, widths[CONTEXT_LEVEL])?;
+        let hypotheses = rows.size()[0] / context.size()[0];
+        let context = context.f_unsqueeze(1)?.f_expand([-1, hypotheses, -1], false)?;
+        let context = context.f_reshape([rows.size()[0], -1])?;
+        let position = points.f_tr()?.f_repeat([1, POSITION_CHANNELS / 3])?;
+        Ok(Tensor::f_cat(&[rows, &context, &position], 1)?.f_tr()?.f_unsqueeze(0)?)
     }
 
     /// vis-corr: correlations (J, C'', h·w) with the reference's own features at 1/4, of all fetched (1, C, h·w), beside

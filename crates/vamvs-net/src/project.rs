@@ -9,6 +9,9 @@ use crate::{Device, EncodedView};
 /// Grid coordinates so far outside that nothing of the image is sampled.
 const OUTSIDE: f64 = -10.0;
 
+/// A distance small against the scene's, in units of the nearest depth, below which a point counts as behind a camera.
+pub(crate) const BEHIND: f64 = 1e-3;
+
 /// A lattice of pixels of the reference view, in full-resolution image coordinates.
 #[derive(Clone, Debug)]
 pub struct PixelLattice {
@@ -122,7 +125,7 @@ impl Projection {
             offset: Tensor::f_from_slice(offset.as_slice())?.f_view([1, 3, 1])?.f_to_device(device)?,
             lattice: lattice.size(),
             source: source.padded,
-            epsilon: 1e-3,
+            epsilon: BEHIND,
         })
     }
 

@@ -9,6 +9,7 @@ use crate::correlate::{correlation, pooled};
 use crate::encode::COARSE_SCALE;
 use crate::error::Libtorch;
 use crate::manifest::check_cells;
+use crate::slabs::Slabs;
 use crate::{Device, Manifest, NetError};
 
 /// How normalisation layers behave.
@@ -207,6 +208,11 @@ impl Network {
         self.check_averaged(volume_channels)?;
         let volume = Tensor::f_rand([1, volume_channels, planes, h, w], (Kind::Float, self.device))?;
         let _costs = self.regularize(&volume)?;
+        if self.manifest.slabs {
+            let mut slabs = Slabs::new(self, planes as usize);
+            slabs.add(&volume)?;
+            let _costs = slabs.finish()?;
+        }
         Ok(volume_channels as usize)
     }
 
@@ -239,7 +245,8 @@ impl Network {
         if channels % group as i64 == 0 {
             return Ok(());
         }
-        let problem = format!("says that {group} channels are correlated together, but {method} gives {channels}");
+        let problem =
+            format!("says that {group} channels are correlated together, but {method} gives {channels}");
         Err(NetError::Manifest { module: self.name.clone(), problem })
     }
 
@@ -304,10 +311,42 @@ impl Network {
     }
 
     /// (1, C', D, h, w) → costs (1, D, h, w).
-    pub(crate) fn regularize(&self, volume: &Tensor) -> Result<Tensor, NetError> {
+    ///
+    /// # Errors
+    /// If the module breaks its contract or memory runs out.
+    pub fn regularize(&self, volume: &Tensor) -> Result<Tensor, NetError> {
         let (n, _, d, h, w) = volume.size5()?;
         let costs = self.call("regularize", "(volume (B, C', D, h, w)) → (B, D, h, w)", &[volume])?;
         self.check("regularize", &costs, &[Some(n), Some(d), Some(h), Some(w)])?;
+        Ok(costs)
+    }
+
+    /// Planes of the volume with one more before and after them (1, C', D + 2, h, w) → what the first layers make of
+    /// them at full and at half resolution, (1, a, D, h', w') and (1, b, D/2, h'/2, w'/2).
+    pub(crate) fn regularize_slab(&self, planes: &Tensor) -> Result<(Tensor, Tensor), NetError> {
+        let (n, _, d, ..) = planes.size5()?;
+        let method = "regularize_slab";
+        let expected = "(planes (1, C', D + 2, h, w)) → (1, a, D, h', w'), (1, b, D/2, h'/2, w'/2)";
+        let answer = self.module.method_is(method, &[&IValue::Tensor(planes.shallow_clone())]);
+        let answer = answer.and_then(<(Tensor, Tensor)>::try_from);
+        let (full, half) = answer.map_err(|source| self.failed(method, expected, source))?;
+        self.check(method, &full, &[Some(n), None, Some(d - 2), None, None])?;
+        self.check(method, &half, &[Some(n), None, Some((d - 2) / 2), None, None])?;
+        Ok((full, half))
+    }
+
+    /// What `regularize_slab` gave for all planes, and the volume's last channels, which are averaged (1, A, D, h, w) →
+    /// costs (1, D, h, w). The first two are overwritten.
+    pub(crate) fn regularize_slabs(
+        &self,
+        full: &Tensor,
+        half: &Tensor,
+        averaged: &Tensor,
+    ) -> Result<Tensor, NetError> {
+        let (n, _, d, h, w) = averaged.size5()?;
+        let expected = "(full (1, a, D', h', w'), half (1, b, D'/2, h'/2, w'/2), averaged (1, A, D, h, w)) → (1, D, h, w)";
+        let costs = self.call("regularize_slabs", expected, &[full, half, averaged])?;
+        self.check("regularize_slabs", &costs, &[Some(n), Some(d), Some(h), Some(w)])?;
         Ok(costs)
     }
 

@@ -1,0 +1,90 @@
+//! Bilinear sampling and group-wise correlation in one step.
+
+use super::Level;
+
+/// The four pixels around a place, as offsets into the values, and their weights; outside of the image is nothing.
+#[derive(Clone, Copy)]
+pub(super) struct Corners {
+    offsets: [usize; 4],
+    weights: [f32; 4],
+}
+
+impl Corners {
+    /// Around a place in shares of the image's size; `None` where no corner is inside.
+    #[inline(always)]
+    pub fn around(level: &Level<'_>, [x, y]: [f32; 2]) -> Option<Self> {
+        let (x, y) = (x * level.width as f32 - 0.5, y * level.height as f32 - 0.5);
+        if !(x > -1.0 && y > -1.0 && x < level.width as f32 && y < level.height as f32) {
+            return None;
+        }
+        // Truncation is the floor of what is not negative.
+        let (x0, y0) = ((x + 1.0) as i32 - 1, (y + 1.0) as i32 - 1);
+        let (right, below) = (x - x0 as f32, y - y0 as f32);
+        let axis = |first: i32, share: f32, count: usize| {
+            let last = count as i32 - 1;
+            let low = if first >= 0 { 1.0 - share } else { 0.0 };
+            let high = if first < last { share } else { 0.0 };
+            ([first.max(0) as usize, (first + 1).min(last) as usize], [low, high])
+        };
+        let ([x0, x1], [left, right]) = axis(x0, right, level.width);
+        let ([y0, y1], [above, below]) = axis(y0, below, level.height);
+        let at = |x: usize, y: usize| (y * level.width + x) * level.channels;
+        Some(Self {
+            offsets: [at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1)],
+            weights: [left * above, right * above, left * below, right * below],
+        })
+    }
+
+    /// Adds `weight` times the correlation with the reference's channels, group by group: channel c is of group
+    /// c mod `G`.
+    #[inline(always)]
+    pub fn add_correlation<const G: usize>(
+        &self,
+        level: &Level<'_>,
+        reference: &[f32],
+        weight: f32,
+        sums: &mut [f32; G],
+    ) {
+        let corner = |index: usize| level.values[self.offsets[index]..][..level.channels].as_chunks::<G>().0;
+        let (a, b, c, d) = (corner(0), corner(1), corner(2), corner(3));
+        let reference = reference.as_chunks::<G>().0;
+        let weight = weight * G as f32 / level.channels as f32;
+        let [wa, wb, wc, wd] = self.weights.map(|corner| corner * weight);
+        for (j, reference) in reference.iter().enumerate() {
+            for g in 0..G {
+                let sampled = wa * a[j][g] + wb * b[j][g] + wc * c[j][g] + wd * d[j][g];
+                sums[g] += sampled * reference[g];
+            }
+        }
+    }
+}
+
+/// Compiles a function for processors with AVX2 and FMA, or with AVX-512, too, and calls the best that there is. The
+/// results of all are the same bits: nothing is contracted.
+macro_rules! best_of {
+    ($body:ident => $name:ident<const $g:ident>($($argument:ident: $kind:ty),* $(,)?)) => {
+        pub(super) fn $name<const $g: usize>($($argument: $kind),*) {
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2")]
+                unsafe fn avx2<const $g: usize>($($argument: $kind),*) {
+                    $body::<$g>($($argument),*);
+                }
+                #[target_feature(enable = "avx512f,avx512vl")]
+                unsafe fn avx512<const $g: usize>($($argument: $kind),*) {
+                    $body::<$g>($($argument),*);
+                }
+                if std::is_x86_feature_detected!("avx512vl") {
+                    // SAFETY: the processor has it.
+                    return unsafe { avx512::<$g>($($argument),*) };
+                }
+                if std::is_x86_feature_detected!("avx2") {
+                    // SAFETY: the processor has it.
+                    return unsafe { avx2::<$g>($($argument),*) };
+                }
+            }
+            $body::<$g>($($argument),*);
+        }
+    };
+}
+pub(super) use best_of;
