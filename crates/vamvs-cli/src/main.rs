@@ -5,6 +5,8 @@ mod command;
 #[cfg(feature = "net")]
 mod heap;
 mod interrupt;
+#[cfg(feature = "net")]
+mod openmp;
 mod progress;
 mod settings;
 mod timing;
@@ -14,6 +16,8 @@ use std::process::ExitCode;
 use clap::Parser;
 
 fn main() -> ExitCode {
+    #[cfg(feature = "net")]
+    openmp::wait_asleep();
     let arguments = arguments::Arguments::parse();
     let run = || interrupt::watch(arguments.command.resumption()).and_then(|()| command::run(&arguments));
     match run() {

@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let estimated = (estimator.peak_bytes(size, views, count) >> 20) + loaded;
     println!(
-        "total {:.3} s, peak {} MiB, estimated {estimated} MiB",
+        "total {:.3} s, loaded {loaded} MiB, peak {} MiB, estimated {estimated} MiB",
         profile.total().as_secs_f64(),
         peak_mib()
     );

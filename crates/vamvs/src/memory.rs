@@ -2,18 +2,20 @@
 
 use std::fmt;
 use std::str::FromStr;
+use std::sync::OnceLock;
 
 use bytesize::ByteSize;
 use serde::{Deserialize, Serialize};
 use sysinfo::{MemoryRefreshKind, ProcessRefreshKind, ProcessesToUpdate, System};
 
-/// A limit of what the whole process holds in memory, written as `2GiB`, `500MB` or `70%` of the machine's.
+/// A ceiling of what the whole process holds in memory, written as `2GiB`, `500MB` or `70%` of what is available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum MemoryLimit {
     /// Bytes.
     Bytes(u64),
-    /// Percent of the machine's memory, or of what a container leaves of it; 1 to 100.
+    /// Percent of the memory that is available when it is first asked for, what the process holds already included: of the
+    /// machine, or of its container if that allows less; 1 to 100.
     Percent(u8),
 }
 
@@ -28,14 +30,14 @@ impl MemoryLimit {
     pub fn bytes(self) -> u64 {
         match self {
             Self::Bytes(bytes) => bytes,
-            Self::Percent(percent) => machine_bytes().unwrap_or(u64::MAX) / 100 * u64::from(percent),
+            Self::Percent(percent) => available_at_first().unwrap_or(u64::MAX) / 100 * u64::from(percent),
         }
     }
 
     /// Bytes that the process may take beside what it holds now; 0 if it holds more.
     #[must_use]
     pub fn left(self) -> u64 {
-        self.bytes().saturating_sub(process_bytes().unwrap_or(0))
+        self.bytes().saturating_sub(resident_bytes().unwrap_or(0))
     }
 }
 
@@ -74,7 +76,10 @@ impl From<MemoryLimit> for String {
 impl fmt::Display for MemoryLimit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Bytes(bytes) => write!(f, "{bytes}B"),
+            Self::Bytes(bytes) => match EXACT.iter().find(|(unit, _)| bytes % unit == 0) {
+                Some((unit, name)) => write!(f, "{} {name}", bytes / unit),
+                None => write!(f, "{bytes} B"),
+            },
             Self::Percent(percent) => write!(f, "{percent}%"),
         }
     }
@@ -86,21 +91,41 @@ pub fn spelled(bytes: u64) -> String {
     ByteSize(bytes).to_string()
 }
 
-/// The machine's memory, or the limit of the container the process is in; `None` if the system does not tell.
-fn machine_bytes() -> Option<u64> {
-    let mut system = System::new().ok()?;
-    system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
-    let total = system.total_memory();
-    Some(system.cgroup_limits().map_or(total, |limits| limits.total_memory.min(total)))
+/// Units in which an amount is written that is a whole number of them.
+const EXACT: [(u64, &str); 4] = [(1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"), (1_000_000, "MB")];
+
+/// Memory that could be had when this was first asked, what the process held then included: in a run the ceiling
+/// does not move. `None` if the system does not tell.
+fn available_at_first() -> Option<u64> {
+    static AVAILABLE: OnceLock<Option<u64>> = OnceLock::new();
+    *AVAILABLE.get_or_init(|| {
+        let mut system = System::new().ok()?;
+        system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
+        let held = resident_bytes().unwrap_or(0);
+        let machine = system.available_memory().saturating_add(held);
+        // What files take of a container's memory goes when it is wanted, so its limit is what counts.
+        let container = system.cgroup_limits().map(|limits| limits.total_memory);
+        Some(container.filter(|limit| *limit > 0).map_or(machine, |limit| limit.min(machine)))
+    })
 }
 
 /// What the process holds in memory now; `None` if the system does not tell.
-fn process_bytes() -> Option<u64> {
+#[must_use]
+pub fn resident_bytes() -> Option<u64> {
     let id = sysinfo::get_current_pid().ok()?;
     let mut system = System::new().ok()?;
     let what = ProcessRefreshKind::nothing().with_memory();
     system.refresh_processes_specifics(ProcessesToUpdate::Some(&[id]), false, what);
     system.process(id).map(sysinfo::Process::memory)
+}
+
+/// Gives memory that is free within the process back to the system, where the system's heap can.
+pub fn give_back() {
+    // SAFETY: malloc_trim touches no block that is in use.
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    unsafe {
+        libc::malloc_trim(0);
+    }
 }
 
 #[cfg(test)]
