@@ -77,7 +77,9 @@ impl Merger<'_> {
         for other in &self.others {
             let Some(found) = other.pair.agreement(pixel, inverse_depth) else { continue };
             let (x, y) = found.sample.pixel;
-            if other.ranking.rank(found.sample.inverse_depth) < own && other.kept.get(x, y) {
+            // Not the interpolated depth: see `Rank`.
+            let theirs = other.pair.source.inverse_depth[(x, y)];
+            if other.kept.get(x, y) && other.ranking.rank(theirs) < own {
                 return false;
             }
             matches.push((&other.pair, found));

@@ -12,8 +12,9 @@ use vamvs_core::{Camera, Intrinsics, Lens, Pose, Size, SparsePoint, View};
 
 use crate::locate::{Located, locate, sorted_by_name};
 use crate::masks::Masks;
+use crate::sizes::stored_sizes;
 use crate::text::{TextReader, WordReader};
-use crate::{IoError, Loaded, Place, image};
+use crate::{IoError, Loaded, Place};
 
 /// Reads the scene of the file `bundle`; cameras of focal length 0 were not registered and are left out.
 ///
@@ -37,8 +38,10 @@ pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoErro
     }
     let names: Vec<String> = kept.iter().map(|(name, _)| name.clone()).collect();
     let Located { folder, names } = locate(&list, &names, images)?;
-    let views = kept.iter().zip(&names).map(|((_, camera), name)| camera.view(&folder, name));
-    let views = views.collect::<Result<_, _>>()?;
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let sizes = stored_sizes(&folder, &names)?;
+    let views = kept.iter().zip(names.into_iter().zip(sizes));
+    let views = views.map(|((_, camera), (name, size))| camera.view(name, size)).collect();
     let left_out = place.iter().filter(|place| place.is_none()).count();
     let warning = format!("{left_out} of {} cameras were not registered and are left out", place.len());
     let points = points.iter().map(|point| renumbered(point, &place)).collect();
@@ -60,8 +63,7 @@ struct BundleCamera {
 
 impl BundleCamera {
     /// The principal point is the image's centre.
-    fn view(&self, folder: &Path, name: &str) -> Result<View, IoError> {
-        let size = image::stored_size(&folder.join(name))?;
+    fn view(&self, name: &str, size: Size) -> View {
         let Size { width, height } = size;
         let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
         let intrinsics = Intrinsics { fx: self.focal, fy: self.focal, cx, cy };
@@ -69,7 +71,7 @@ impl BundleCamera {
         let lens = if lens.bends() { lens } else { Lens::None };
         let camera = Camera { size, intrinsics, lens };
         let cam_from_world = self.cam_from_world;
-        Ok(View { id: 0, name: name.to_owned(), camera, cam_from_world, depth_range: None })
+        View { id: 0, name: name.to_owned(), camera, cam_from_world, depth_range: None }
     }
 }
 

@@ -26,6 +26,7 @@ pub mod nvm;
 pub mod openmvs;
 pub mod pfm;
 pub mod ply;
+mod sizes;
 mod text;
 pub mod tnt;
 pub mod visibility;

@@ -13,7 +13,8 @@ use vamvs_core::{Camera, Intrinsics, Lens, Pose, Scene, Size, SparsePoint, View}
 
 use crate::locate::{Located, locate, sorted_by_name};
 use crate::masks::Masks;
-use crate::{IoError, Loaded, Place, image, ply};
+use crate::sizes::sizes;
+use crate::{IoError, Loaded, Place, ply};
 
 /// Longest side of an image, in pixels, that is taken for one.
 const LONGEST_SIDE: f64 = (1 << 20) as f64;
@@ -36,7 +37,10 @@ pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, Io
     let frames = frames(&path, &shared)?;
     let named: Vec<String> = frames.iter().map(Fields::file_path).collect::<Result<_, _>>()?;
     let Located { folder, names } = locate(&path, &named, images)?;
-    let views = frames.iter().zip(&names).map(|(frame, name)| view(frame, &folder, name));
+    let told: Vec<Option<Size>> = frames.iter().map(told_size).collect::<Result<_, _>>()?;
+    let sizes = sizes(&folder, &names.iter().map(String::as_str).collect::<Vec<_>>(), &told)?;
+    let views =
+        frames.iter().zip(names.iter().zip(sizes)).map(|(frame, (name, size))| view(frame, name, size));
     let views: Vec<View> = views.collect::<Result<_, _>>()?;
     let masks = masks(&path, &frames, &names)?;
     let mut scene = sorted_by_name(views, Vec::new());
@@ -116,19 +120,16 @@ fn frames<'a>(path: &'a Path, shared: &'a Map<String, Value>) -> Result<Vec<Fiel
     list.iter().enumerate().map(fields).collect()
 }
 
-fn view(frame: &Fields, folder: &Path, name: &str) -> Result<View, IoError> {
-    let size = size(frame, &folder.join(name))?;
+fn view(frame: &Fields, name: &str, size: Size) -> Result<View, IoError> {
     let camera = Camera { size, intrinsics: intrinsics(frame, size)?, lens: lens(frame)? };
     Ok(View { id: 0, name: name.to_owned(), camera, cam_from_world: pose(frame)?, depth_range: None })
 }
 
-fn size(frame: &Fields, photograph: &Path) -> Result<Size, IoError> {
-    let (Some(width), Some(height)) = (frame.number("w")?, frame.number("h")?) else {
-        return image::stored_size(photograph);
-    };
+fn told_size(frame: &Fields) -> Result<Option<Size>, IoError> {
+    let (Some(width), Some(height)) = (frame.number("w")?, frame.number("h")?) else { return Ok(None) };
     let side = |side: f64| (1.0..=LONGEST_SIDE).contains(&side) && side.fract() == 0.0;
     if side(width) && side(height) {
-        return Ok(Size::new(width as usize, height as usize));
+        return Ok(Some(Size::new(width as usize, height as usize)));
     }
     Err(frame.malformed(&format!("w and h: expected the image's size in pixels, found {width}×{height}")))
 }

@@ -12,8 +12,9 @@ use vamvs_core::{Camera, Intrinsics, Lens, Pose, Size, SparsePoint, View};
 use crate::colmap::model::pose;
 use crate::locate::{Located, locate, sorted_by_name};
 use crate::masks::Masks;
+use crate::sizes::stored_sizes;
 use crate::text::{TextReader, WordReader};
-use crate::{IoError, Loaded, Place, image};
+use crate::{IoError, Loaded, Place};
 
 /// Reads the first model of the file `nvm`. Photographs are found in `images`, or relative to the file.
 ///
@@ -26,8 +27,10 @@ pub fn read_scene(nvm: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     }
     let named: Vec<String> = cameras.iter().map(|camera| camera.name.clone()).collect();
     let Located { folder, names } = locate(nvm, &named, images)?;
-    let views = cameras.iter().zip(&names).map(|(camera, name)| camera.view(&folder, name, fixed));
-    let views = views.collect::<Result<_, _>>()?;
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let sizes = stored_sizes(&folder, &names)?;
+    let views = cameras.iter().zip(names.into_iter().zip(sizes));
+    let views = views.map(|(camera, (name, size))| camera.view(name, size, fixed)).collect();
     let warnings = if more {
         vec![format!("{}: it holds several models, of which the first is read", nvm.display())]
     } else {
@@ -53,14 +56,13 @@ struct NvmCamera {
 }
 
 impl NvmCamera {
-    fn view(&self, folder: &Path, name: &str, fixed: Option<Intrinsics>) -> Result<View, IoError> {
-        let size = image::stored_size(&folder.join(name))?;
+    fn view(&self, name: &str, size: Size, fixed: Option<Intrinsics>) -> View {
         let Size { width, height } = size;
         let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
         let intrinsics = fixed.unwrap_or(Intrinsics { fx: self.focal, fy: self.focal, cx, cy });
         let camera = Camera { size, intrinsics, lens: lens(self.radial) };
         let cam_from_world = self.cam_from_world;
-        Ok(View { id: 0, name: name.to_owned(), camera, cam_from_world, depth_range: None })
+        View { id: 0, name: name.to_owned(), camera, cam_from_world, depth_range: None }
     }
 }
 

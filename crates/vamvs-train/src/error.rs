@@ -43,6 +43,9 @@ pub enum TrainError {
         /// What is wrong and what to do.
         problem: String,
     },
+    /// The thread that reads samples ended: a bug.
+    #[error("{0}; this is a bug: please report it with the lines above and the data that it happened with")]
+    Loader(String),
     /// The loss or the gradient is no number any more.
     #[error(
         "the {what} became {value} at step {step}: lower the learning rate, or go on from an earlier checkpoint"

@@ -1,5 +1,7 @@
 //! Samples in their order, read ahead by a thread of its own.
 
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
@@ -20,12 +22,19 @@ impl Loader {
     /// Begins to read.
     #[must_use]
     pub fn new(dataset: Arc<Dataset>, options: SampleOptions, seed: u64, first: u64) -> Self {
+        Self::of(first, move |number| draw(&dataset, &options, seed, number))
+    }
+
+    /// Begins to make samples by their numbers; the last is the one at which `draw` panics.
+    fn of(first: u64, draw: impl Fn(u64) -> Result<Sample, TrainError> + Send + 'static) -> Self {
         let (sender, samples) = sync_channel(AHEAD);
         thread::spawn(move || {
             for number in first.. {
-                let sample = draw(&dataset, &options, seed, number);
+                let caught = catch_unwind(AssertUnwindSafe(|| draw(number)));
+                let ends = caught.is_err();
+                let sample = caught.unwrap_or_else(|panic| Err(panicked(number, panic.as_ref())));
                 // The receiver is gone when training has ended.
-                if sender.send(sample).is_err() {
+                if sender.send(sample).is_err() || ends {
                     return;
                 }
             }
@@ -36,8 +45,34 @@ impl Loader {
     /// The next sample.
     ///
     /// # Errors
-    /// If it could not be read.
+    /// If it could not be read, or the thread that reads has ended with a panic.
     pub fn next_sample(&self) -> Result<Sample, TrainError> {
-        self.samples.recv().expect("the thread sends as long as someone listens")
+        let ended = |_| Err(TrainError::Loader("the thread that reads samples has ended".to_owned()));
+        self.samples.recv().unwrap_or_else(ended)
+    }
+}
+
+fn panicked(number: u64, panic: &(dyn Any + Send)) -> TrainError {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    let text = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("it left no message");
+    TrainError::Loader(format!("reading of sample {number} panicked: {text}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_of_the_thread_is_an_error_with_the_sample_and_the_reason() {
+        let option = || TrainError::option("views", "at least 2", &1);
+        let loader = Loader::of(6, move |number| match number {
+            6 => Err(option()),
+            _ => panic!("index {number} out of range"),
+        });
+        let mut next = || loader.next_sample().map(drop).unwrap_err().to_string();
+        assert!(next().contains("views must be at least 2"));
+        let reason = next();
+        assert!(reason.contains("sample 7 panicked: index 7 out of range"), "{reason}");
+        assert!(next().contains("has ended"));
     }
 }

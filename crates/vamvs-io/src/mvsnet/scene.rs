@@ -9,7 +9,8 @@ use vamvs_core::{Camera, Lens, Scene, Size, View};
 use super::cam::{Cam, Options, read_cam};
 use super::pair::read_pairs;
 use crate::masks::Masks;
-use crate::{IoError, Loaded, Place, folder, image};
+use crate::sizes::stored_sizes;
+use crate::{IoError, Loaded, Place, folder};
 
 /// How the names of camera files end.
 const SUFFIX: &str = "_cam.txt";
@@ -34,9 +35,9 @@ pub fn read_scene(
     let ids = view_ids(cam_files.keys());
     let mut warnings = Vec::new();
     let mut views = Vec::with_capacity(names.len());
-    for ((path, name), &id) in cam_files.values().zip(&names).zip(&ids) {
+    let sizes = stored_sizes(images, &names)?;
+    for (path, (&name, (&size, &id))) in cam_files.values().zip(names.iter().zip(sizes.iter().zip(&ids))) {
         let cam = read_cam(path, options)?;
-        let size = image::stored_size(&images.join(name))?;
         warnings.extend(cam.warning.as_ref().map(|warning| format!("{}: {warning}", path.display())));
         warnings.extend(off_centre(path, &cam, size));
         views.push(view(id, name, &cam, size));

@@ -12,7 +12,8 @@ use super::{calibration, f32_bytes, f64_bytes, rotation_and_centre};
 use crate::bytes::ByteReader;
 use crate::locate::{Located, locate, sorted_by_name};
 use crate::masks::Masks;
-use crate::{IoError, Loaded, Place, atomic, image};
+use crate::sizes::sizes;
+use crate::{IoError, Loaded, Place, atomic};
 
 /// The version that is written: the last without fields that we have nothing for.
 const VERSION: u32 = 3;
@@ -53,8 +54,11 @@ pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     }
     let named: Vec<String> = posed.iter().map(|image| image.name.clone()).collect();
     let Located { folder, names } = locate(mvs, &named, images)?;
-    let view = |(image, name): (&&MvsImage, &String)| image.view(mvs, &platforms, (&folder, name));
-    let views = posed.iter().zip(&names).map(view).collect::<Result<_, _>>()?;
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let told: Vec<_> = posed.iter().map(|image| image.camera(&platforms)?.size).collect();
+    let sizes = sizes(&folder, &names, &told)?;
+    let view = |(image, (name, size)): (&&MvsImage, _)| image.view(mvs, &platforms, name, size);
+    let views = posed.iter().zip(names.into_iter().zip(sizes)).map(view).collect::<Result<_, _>>()?;
     let left_out = listed.len() - posed.len();
     let warning = format!("{left_out} of {} images have no pose and are left out", listed.len());
     let warnings = if left_out > 0 { vec![warning] } else { Vec::new() };
@@ -153,22 +157,18 @@ struct MvsImage {
 }
 
 impl MvsImage {
-    fn view(
-        &self,
-        mvs: &Path,
-        platforms: &[Platform],
-        (folder, name): (&Path, &str),
-    ) -> Result<View, IoError> {
+    fn camera<'a>(&self, platforms: &'a [Platform]) -> Option<&'a MvsCamera> {
+        platforms.get(self.platform as usize)?.cameras.get(self.camera as usize)
+    }
+
+    fn view(&self, mvs: &Path, platforms: &[Platform], name: &str, size: Size) -> Result<View, IoError> {
         let malformed =
             |problem: String| IoError::malformed(mvs, Place::Whole, format!("image {name:?}: {problem}"));
         let platform = platforms.get(self.platform as usize);
-        let camera = platform.and_then(|platform| platform.cameras.get(self.camera as usize));
         let platform_from_world = platform.and_then(|platform| platform.poses.get(self.pose as usize));
-        let (Some(camera), Some(platform_from_world)) = (camera, platform_from_world) else {
+        let (Some(camera), Some(platform_from_world)) = (self.camera(platforms), platform_from_world) else {
             return Err(malformed("its platform, camera or pose does not exist".to_owned()));
         };
-        let stored = image::stored_size(&folder.join(name))?;
-        let size = camera.size.unwrap_or(stored);
         let scale = if camera.size.is_some() { 1.0 } else { size.width.max(size.height) as f64 };
         let intrinsics =
             Intrinsics::try_from_matrix(&camera.k).map_err(|error| malformed(error.to_string()))?;

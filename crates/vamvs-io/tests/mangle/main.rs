@@ -20,8 +20,8 @@ use std::time::{Duration, Instant};
 use proptest::test_runner::{Config, TestCaseError, TestRunner};
 use vamvs_core::Size;
 use vamvs_io::{
-    atomic, bundler, colmap, depth, dtu, image, masks, mvsnet, nerfstudio, nvm, openmvs, pfm, ply, tnt,
-    visibility,
+    IoError, Loaded, atomic, bundler, colmap, depth, dtu, image, masks, mvsnet, nerfstudio, nvm, openmvs,
+    pfm, ply, tnt, visibility,
 };
 
 use fixture::{Fixture, SIZE};
@@ -150,6 +150,34 @@ readers! {
     visibility_tiles: fixture::visibility, PICTURE, |f| {
         visibility::read(&f.join("v.png"), Size::new(SIZE.width, SIZE.height / 2), 2).is_ok()
     };
+}
+
+/// In every layout a photograph without a header is one bad view, which is told when it is decoded.
+#[test]
+fn a_photograph_without_header_does_not_end_a_scene() {
+    type Read = fn(&Path) -> Result<Loaded, IoError>;
+    let layouts: [(fn(&Path) -> Fixture, Read); 6] = [
+        (fixture::colmap_text, |f| colmap::read_scene(f, f)),
+        (fixture::mvsnet, |f| mvsnet::read_scene(f, f, None, &mvsnet::Options::default())),
+        (fixture::nerfstudio, |f| nerfstudio::read_scene(f, None)),
+        (fixture::bundler, |f| bundler::read_scene(&f.join("bundle.out"), None)),
+        (fixture::nvm, |f| nvm::read_scene(&f.join("scene.nvm"), None)),
+        (fixture::openmvs, |f| openmvs::read_scene(&f.join("scene.mvs"), None)),
+    ];
+    for (fixture, read) in layouts {
+        let folder = tempfile::tempdir().unwrap();
+        fixture(folder.path());
+        let whole = read(folder.path()).unwrap();
+        for damaged in [&b""[..], b"no image"] {
+            write(&folder.path().join("b.png"), damaged);
+            let loaded = read(folder.path()).unwrap();
+            assert_eq!(loaded.scene, whole.scene);
+            let [a, b] = &loaded.scene.views[..] else { panic!("two views") };
+            assert!(image::load_for_camera(&loaded.images.join(&a.name), &a.camera).is_ok());
+            let error = image::load_for_camera(&loaded.images.join(&b.name), &b.camera).unwrap_err();
+            assert!(error.to_string().contains("b.png"), "{error}");
+        }
+    }
 }
 
 fn read_picture(path: &Path) -> bool {
