@@ -109,7 +109,7 @@ pub fn refine(
         let guess = &guesses[((x / ratio).min(guesses.width() - 1), (y / ratio).min(guesses.height() - 1))];
         (guess.trusted(), guess.confidence.max(0.0))
     };
-    let field = finished(field, &matcher);
+    let field = finished(&field, &matcher);
     Ok(refined::refined(reference, &field, &matcher, seed))
 }
 
@@ -177,8 +177,8 @@ fn check_size(what: &'static str, expected: Size, found: Size) -> Result<(), Ref
 }
 
 /// The planes smoothed, without speckles.
-fn finished(field: Field, matcher: &Matcher) -> Field {
-    let mut field = smooth::smoothed(&field, matcher);
+fn finished(field: &Field, matcher: &Matcher) -> Field {
+    let mut field = smooth::smoothed(field, matcher);
     remove_speckles(&mut field, matcher);
     field
 }

@@ -120,7 +120,7 @@ fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
         };
         consider(&pixel, own, &mut state);
         let beside = |at: usize, parent: usize, count: usize| {
-            if at % 2 == 0 { parent.saturating_sub(1) } else { (parent + 1).min(count - 1) }
+            if at.is_multiple_of(2) { parent.saturating_sub(1) } else { (parent + 1).min(count - 1) }
         };
         let (qx, qy) = (beside(x, px, size.width), beside(y, py, size.height));
         for place in [(qx, py), (px, qy), (qx, qy)] {
