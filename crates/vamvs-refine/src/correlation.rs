@@ -1,38 +1,15 @@
 //! Zero-mean normalised cross-correlation of a window with its place in a source image.
 
-use crate::isa::Isa;
+use crate::isa::for_each_isa;
 use crate::luminance::Quads;
+use crate::sampling::{LANES, at_least, sample};
 use crate::transfer::Affine;
-use crate::window::{OFFSETS, TEXELS, Window, sum_lanes};
+use crate::window::{TEXELS, Window, sum_lanes};
 
-const LANES: usize = 16;
-type Lanes = [f32; LANES];
-
-/// The correlation, −1 to 1, of the window with the source image under the warp. `noise`, grey values, is what
-/// variances are raised by: without texture it goes to 0. Outside of the source image its border goes on.
-#[inline]
-pub(crate) fn correlation(window: &Window, source: &Quads, warp: &Affine, noise: f32, isa: Isa) -> f32 {
-    match isa {
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: `Isa` has these values only on processors that have the features.
-        Isa::Avx512 => unsafe { avx512(window, source, warp, noise) },
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: as above.
-        Isa::Avx2 => unsafe { avx2(window, source, warp, noise) },
-        Isa::Scalar => correlate(window, source, warp, noise),
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
-fn avx512(window: &Window, source: &Quads, warp: &Affine, noise: f32) -> f32 {
-    correlate(window, source, warp, noise)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn avx2(window: &Window, source: &Quads, warp: &Affine, noise: f32) -> f32 {
-    correlate(window, source, warp, noise)
+for_each_isa! {
+    /// The correlation, −1 to 1, of the window with the source image under the warp. `noise`, grey values, is what
+    /// variances are raised by: without texture it goes to 0. Outside of the source image its border goes on.
+    pub(crate) fn correlation(window: &Window, source: &Quads, warp: &Affine, noise: f32) -> f32 = correlate
 }
 
 #[inline(always)]
@@ -40,7 +17,7 @@ fn correlate(window: &Window, source: &Quads, warp: &Affine, noise: f32) -> f32 
     let (mut first, mut second, mut product) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for part in 0..TEXELS / LANES {
         let range = part * LANES..(part + 1) * LANES;
-        let values = sample(source, warp, part * LANES, window.mean);
+        let values = sample(source, warp, part * LANES).values(window.mean);
         let (weights, centred) = (&window.weights[range.clone()], &window.centred[range]);
         for i in 0..LANES {
             let weighted = weights[i] * values[i];
@@ -55,55 +32,12 @@ fn correlate(window: &Window, source: &Quads, warp: &Affine, noise: f32) -> f32 
     sum_lanes(&product) / ((window.variance + floor) * (variance + floor)).sqrt()
 }
 
-/// Bilinear samples of the source at 16 texels from `begin` on, less `mean`.
-#[inline(always)]
-fn sample(source: &Quads, warp: &Affine, begin: usize, mean: f32) -> Lanes {
-    let (words, size) = (source.words(), source.size());
-    let (last_x, last_y) = ((size.width - 1) as f32, (size.height - 1) as f32);
-    let (dx, dy) = (&OFFSETS.0[begin..begin + LANES], &OFFSETS.1[begin..begin + LANES]);
-    let (mut fx, mut fy, mut index) = ([0.0; LANES], [0.0; LANES], [0_i32; LANES]);
-    // From image coordinates to those in which pixel centres are whole numbers.
-    let (u, v) = (warp.u - 0.5, warp.v - 0.5);
-    for i in 0..LANES {
-        let x = at_most(at_least(u + warp.ux * dx[i] + warp.uy * dy[i], 0.0), last_x);
-        let y = at_most(at_least(v + warp.vx * dx[i] + warp.vy * dy[i], 0.0), last_y);
-        // SAFETY: both lie between 0 and a size, and NaN has become 0.
-        let (column, row): (i32, i32) = unsafe { (x.to_int_unchecked(), y.to_int_unchecked()) };
-        fx[i] = x - column as f32;
-        fy[i] = y - row as f32;
-        index[i] = row * size.width as i32 + column;
-    }
-    let mut quads = [0_u32; LANES];
-    for i in 0..LANES {
-        // SAFETY: the column is at most width − 1 and the row at most height − 1.
-        quads[i] = unsafe { *words.get_unchecked(index[i] as usize) };
-    }
-    let mut values = [0.0; LANES];
-    for i in 0..LANES {
-        let byte = |shift: u32| ((quads[i] >> shift) & 255) as i32 as f32;
-        let (a, b, c, d) = (byte(0), byte(8), byte(16), byte(24));
-        let top = a + fx[i] * (b - a);
-        let bottom = c + fx[i] * (d - c);
-        values[i] = top + fy[i] * (bottom - top) - mean;
-    }
-    values
-}
-
-/// The larger value; `least` for NaN. One instruction, which [`f32::max`] is not.
-#[inline(always)]
-fn at_least(value: f32, least: f32) -> f32 {
-    if value > least { value } else { least }
-}
-
-#[inline(always)]
-fn at_most(value: f32, most: f32) -> f32 {
-    if value < most { value } else { most }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::isa::Isa;
     use crate::luminance::Padded;
+    use crate::window::{self, OFFSETS};
     use vamvs_core::{Grid, Size};
 
     const NOISE: f32 = 1.5;
@@ -145,7 +79,7 @@ mod tests {
     fn it_is_what_its_definition_says() {
         let (reference, source) = (picture(1), picture(2));
         let padded = Padded::new(&reference, None);
-        let window = Window::new(&padded, 30, 20, 25.0, Isa::Scalar);
+        let window = window::window(&padded, 30, 20, 25.0, Isa::Scalar);
         assert!((window.weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
         let found = correlation(&window, &Quads::new(&source), &WARP, NOISE, Isa::Scalar);
         let expected = by_definition(&window, &source, &WARP, &padded);
@@ -159,7 +93,7 @@ mod tests {
     #[test]
     fn an_image_matches_itself_whatever_the_exposure_and_nothing_matches_grey() {
         let image = picture(3);
-        let window = Window::new(&Padded::new(&image, None), 30, 20, 25.0, Isa::Scalar);
+        let window = window::window(&Padded::new(&image, None), 30, 20, 25.0, Isa::Scalar);
         let same = Affine { u: 30.5, v: 20.5, ux: 1.0, uy: 0.0, vx: 0.0, vy: 1.0 };
         let darker = image.map(|grey| grey / 2 + 10);
         assert!(correlation(&window, &Quads::new(&darker), &same, 0.5, Isa::Scalar) > 0.99);
@@ -171,7 +105,7 @@ mod tests {
     fn all_instruction_sets_give_the_same_bits() {
         let (padded, source) = (Padded::new(&picture(1), None), Quads::new(&picture(2)));
         for x in 0..70 {
-            let window = |isa| Window::new(&padded, x, 25, 25.0, isa);
+            let window = |isa| window::window(&padded, x, 25, 25.0, isa);
             let warp = Affine { u: x as f32 - 3.2, vx: 0.01 * x as f32, ..WARP };
             let value = |isa| correlation(&window(isa), &source, &warp, NOISE, isa).to_bits();
             for isa in Isa::all() {

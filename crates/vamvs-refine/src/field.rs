@@ -12,6 +12,15 @@ pub(crate) struct State {
     pub plane: Plane,
     /// The plane's energy.
     pub energy: f32,
+    /// Whether the plane is the best around: small changes make it no better.
+    pub settled: bool,
+}
+
+impl State {
+    /// A plane that may still be improved.
+    pub fn of(plane: Plane, energy: f32) -> Self {
+        Self { plane, energy, settled: false }
+    }
 }
 
 /// The states of all pixels. Those of each colour of a checkerboard are kept apart, so that one colour can be written
@@ -100,7 +109,7 @@ mod tests {
     #[test]
     fn neighbours_of_the_other_colour_are_found_where_they_are() {
         let place = |x: usize, y: usize| (1 + 10 * y + x) as f32;
-        let state = |x, y| State { plane: Plane { w: place(x, y), gx: 0.0, gy: 0.0 }, energy: 0.0 };
+        let state = |x, y| State::of(Plane { w: place(x, y), gx: 0.0, gy: 0.0 }, 0.0);
         let mut field = Field::new(Size::new(5, 4), state);
         assert_eq!(field.at(4, 3).plane.w, 35.0);
         for colour in 0..2 {

@@ -38,3 +38,34 @@ impl Isa {
         Self::all().last().copied().unwrap_or(Self::Scalar)
     }
 }
+
+/// A function compiled once for each instruction set: `name(arguments, isa)` calls `inner(arguments)`, which must be
+/// `#[inline(always)]`.
+macro_rules! for_each_isa {
+    ($(#[$doc:meta])* pub(crate) fn $name:ident($($argument:ident: $kind:ty),*) -> $out:ty = $inner:ident) => {
+        $(#[$doc])*
+        #[inline]
+        pub(crate) fn $name($($argument: $kind,)* isa: $crate::isa::Isa) -> $out {
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+            fn avx512($($argument: $kind),*) -> $out {
+                $inner($($argument),*)
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2")]
+            fn avx2($($argument: $kind),*) -> $out {
+                $inner($($argument),*)
+            }
+            match isa {
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: `Isa` has these values only on processors that have the features.
+                $crate::isa::Isa::Avx512 => unsafe { avx512($($argument),*) },
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: as above.
+                $crate::isa::Isa::Avx2 => unsafe { avx2($($argument),*) },
+                $crate::isa::Isa::Scalar => $inner($($argument),*),
+            }
+        }
+    };
+}
+pub(crate) use for_each_isa;

@@ -13,6 +13,7 @@
 
 mod confidence;
 mod correlation;
+mod descent;
 mod field;
 mod geometry;
 mod isa;
@@ -21,6 +22,7 @@ mod matcher;
 mod options;
 mod plane;
 mod refined;
+mod sampling;
 mod seed;
 mod smooth;
 mod solve;
@@ -139,14 +141,14 @@ pub fn refine_geometric(
     matcher.sources = with_depths.map(|(source, depth)| source.with_depth(*depth, here)).collect();
     let mut field = Field::new(matcher.image.size, |x, y| {
         let plane = first.plane(x, y);
-        let mut state = State { plane, energy: IMPOSSIBLE };
+        let mut state = State::of(plane, IMPOSSIBLE);
         if let Some(pixel) = matcher.pixel(x, y, plane.w, plane.w) {
             consider(&pixel, plane, &mut state);
         }
         state
     });
     let prior = |x: usize, y: usize| first.plane(x, y).w;
-    sweep(&mut field, &matcher, prior, Sweep { depth: 0.25, slope: 0.06 });
+    sweep(&mut field, &matcher, prior, Sweep { steps: 1, settled: false });
     remove_speckles(&mut field, &matcher);
     let seed = |x: usize, y: usize| {
         let Features { seed, .. } = first.features[(x, y)];

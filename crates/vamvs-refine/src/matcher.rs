@@ -1,13 +1,15 @@
 //! The energy of a plane at a pixel: how ill the photographs match, and how far it is from what was known before.
 
+use nalgebra::{Matrix3, Vector3};
 use vamvs_core::{Grid, Size};
 
 use crate::correlation::correlation;
+use crate::descent::{Normal, normal};
 use crate::isa::Isa;
 use crate::luminance::Padded;
 use crate::plane::Plane;
 use crate::source::{MOST_SOURCES, Source};
-use crate::window::Window;
+use crate::window::{Window, window};
 use crate::{RefineOptions, geometry::Seen};
 
 /// The energy of what cannot be: behind a camera, or steeper than [`STEEPEST`].
@@ -77,7 +79,7 @@ impl<'a> Matcher<'a> {
             *handicap = self.options.visibility * (1.0 - visible);
         }
         let step = self.sources.len() as f32 / disparity;
-        let window = Window::new(&self.image, x, y, self.options.colour, self.isa);
+        let window = window(&self.image, x, y, self.options.colour, self.isa);
         let pixel = Pixel { matcher: self, x: px, y: py, window, step, prior, rays, handicaps };
         step.is_finite().then_some(pixel)
     }
@@ -164,6 +166,38 @@ impl Pixel<'_> {
         let options = self.matcher.options;
         let way = (w - self.prior).abs() / (self.step * options.prior_reach);
         options.prior * way.min(1.0)
+    }
+
+    /// The normal equations of the source views that match best at a plane, in units of [`Pixel::step`].
+    pub fn normal(&self, plane: &Plane) -> (Matrix3<f32>, Vector3<f32>) {
+        let count = self.matcher.sources.len();
+        let mut normals: [(f32, Normal); MOST_SOURCES] = [(f32::INFINITY, Normal::default()); MOST_SOURCES];
+        for (index, entry) in normals[..count].iter_mut().enumerate() {
+            if let Some(normal) = self.normal_of(index, plane) {
+                *entry = (self.handicaps[index] - normal.correlation, normal);
+            }
+        }
+        let (mut matrix, mut vector) = (Matrix3::zeros(), Vector3::zeros());
+        for place in 0..self.matcher.options.views.clamp(1, count) {
+            let least =
+                (place + 1..count).fold(place, |a, b| if normals[b].0 < normals[a].0 { b } else { a });
+            normals.swap(place, least);
+            let normal = &normals[place].1;
+            if normal.correlation > 0.0 {
+                matrix += normal.matrix;
+                vector += normal.vector;
+            }
+        }
+        (matrix, vector)
+    }
+
+    fn normal_of(&self, index: usize, plane: &Plane) -> Option<Normal> {
+        let source = &self.matcher.sources[index];
+        let warp = source.transfer.affine(self.rays[index], plane)?;
+        let speed = source.transfer.speed(self.rays[index], plane.w).map(|speed| speed * self.step);
+        let noise = self.matcher.options.noise;
+        let seen = source.quads.contains(warp.u, warp.v);
+        seen.then(|| normal(&self.window, &source.quads, &warp, speed, noise, self.matcher.isa))
     }
 
     /// The mean cost (the second value) of the views for which the first is lowest.

@@ -34,10 +34,10 @@ impl Default for RefineOptions {
         Self {
             views: 2,
             colour: 20.0,
-            noise: 2.0,
+            noise: 1.0,
             search: 4,
             sweeps: 2,
-            prior: 0.1,
+            prior: 0.07,
             prior_reach: 4.0,
             visibility: 0.3,
             geometric: 0.1,

@@ -23,7 +23,7 @@ pub(crate) fn smoothed(field: &Field, matcher: &Matcher) -> Field {
             *plane = mean(field, matcher, x, y);
         }
     });
-    Field::new(size, |x, y| State { plane: planes[(x, y)], energy: field.at(x, y).energy })
+    Field::new(size, |x, y| State { plane: planes[(x, y)], ..*field.at(x, y) })
 }
 
 fn mean(field: &Field, matcher: &Matcher, x: usize, y: usize) -> Plane {

@@ -57,8 +57,7 @@ fn first_level(camera: &Pinhole, seed: &DepthMap) -> usize {
 
 fn sweeps(field: &mut Field, matcher: &Matcher, prior: impl Fn(usize, usize) -> f32 + Sync) {
     for number in 0..matcher.options.sweeps {
-        let fineness = 0.5_f32.powi(number as i32);
-        sweep(field, matcher, &prior, Sweep { depth: 0.5 * fineness, slope: 0.12 * fineness });
+        sweep(field, matcher, &prior, Sweep { steps: 2, settled: number > 0 });
     }
 }
 
@@ -66,12 +65,12 @@ fn sweeps(field: &mut Field, matcher: &Matcher, prior: impl Fn(usize, usize) -> 
 fn search(matcher: &Matcher, guesses: &Grid<Guess>) -> Field {
     Field::new(matcher.image.size, |x, y| {
         let guess = &guesses[(x, y)];
-        let nothing = State { plane: Plane::default(), energy: IMPOSSIBLE };
+        let nothing = State::of(Plane::default(), IMPOSSIBLE);
         if guess.plane.w <= 0.0 {
             return nothing;
         }
         let Some(pixel) = matcher.pixel(x, y, guess.plane.w, guess.trusted()) else { return nothing };
-        let mut state = State { plane: guess.plane, energy: IMPOSSIBLE };
+        let mut state = State::of(guess.plane, IMPOSSIBLE);
         let reach = matcher.options.search as i32;
         consider(&pixel, guess.plane, &mut state);
         for offset in (-reach..=reach).filter(|&offset| offset != 0) {
@@ -111,7 +110,7 @@ fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
     let size = coarse.size();
     Field::new(matcher.image.size, |x, y| {
         let (own, (px, py)) = parent(coarse, x, y);
-        let mut state = State { plane: own, energy: IMPOSSIBLE };
+        let mut state = State::of(own, IMPOSSIBLE);
         if own.w <= 0.0 {
             return State { plane: Plane::default(), ..state };
         }

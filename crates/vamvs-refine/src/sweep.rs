@@ -1,5 +1,7 @@
 //! A sweep over the image: planes of neighbours are tried, and the best is polished.
 
+use nalgebra::{Matrix3, Vector3};
+
 use crate::field::{Colour, Field, State};
 use crate::matcher::{Matcher, Pixel};
 use crate::plane::Plane;
@@ -13,18 +15,27 @@ const DIRECTIONS: [[(i32, i32); 4]; 4] = [
 ];
 
 /// Planes that differ by less, in pixels of disparity over the window, are the same.
-const SAME: f32 = 0.03;
+const SAME: f32 = 0.1;
 
 /// The radius of the window, pixels.
 const RADIUS: f32 = 5.0;
 
+/// A step of less, in pixels of disparity over the window, is none.
+const NEGLIGIBLE: f32 = 0.03;
+
+/// The longest step: pixels of disparity, and of disparity a pixel.
+const LONGEST: [f32; 2] = [1.0, 0.2];
+
+/// What is known of depth and slopes anyway, as a share of the noise: damps the steps where there is little texture.
+const DAMPING: [f32; 2] = [0.1, 4.0];
+
 /// How a sweep goes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sweep {
-    /// The first trial step of depth, pixels of disparity.
-    pub depth: f32,
-    /// The first trial step of slopes, pixels of disparity a pixel.
-    pub slope: f32,
+    /// Gauss–Newton steps at most.
+    pub steps: usize,
+    /// Whether planes that were settled before are left alone unless a neighbour's is better.
+    pub settled: bool,
 }
 
 /// Improves all planes, first of the one, then of the other colour. `prior` is what was known of a pixel before.
@@ -40,9 +51,12 @@ pub(crate) fn sweep(
                 return;
             }
             if let Some(pixel) = matcher.pixel(x, y, state.plane.w, prior(x, y)) {
+                state.settled &= how.settled;
                 propagate(&pixel, other, (x, y), state);
                 from_sources(&pixel, matcher.sources.len(), state);
-                polish(&pixel, state, how);
+                for _ in 0..how.steps {
+                    descend(&pixel, state, matcher.options.noise);
+                }
             }
         });
     }
@@ -84,36 +98,29 @@ fn same(a: &Plane, b: &Plane, step: f32) -> bool {
 pub(crate) fn consider(pixel: &Pixel, plane: Plane, state: &mut State) -> f32 {
     let energy = pixel.energy(&plane);
     if energy < state.energy {
-        *state = State { plane, energy };
+        *state = State::of(plane, energy);
     }
     energy
 }
 
-/// Moves depth, then both slopes, to the least of the parabola through three energies.
-pub(crate) fn polish(pixel: &Pixel, state: &mut State, how: Sweep) {
-    let (depth, slope) = (how.depth * pixel.step, how.slope * pixel.step);
-    for direction in [
-        Plane { w: depth, gx: 0.0, gy: 0.0 },
-        Plane { w: 0.0, gx: slope, gy: 0.0 },
-        Plane { w: 0.0, gx: 0.0, gy: slope },
-    ] {
-        descend(pixel, state, &direction);
+/// A Gauss–Newton step, taken if the energy falls.
+fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
+    if state.settled {
+        return;
     }
-}
-
-/// Moves a plane along one direction.
-fn descend(pixel: &Pixel, state: &mut State, direction: &Plane) {
-    let State { plane: origin, energy: centre } = *state;
-    let along = |t: f32| Plane {
-        w: origin.w + t * direction.w,
-        gx: origin.gx + t * direction.gx,
-        gy: origin.gy + t * direction.gy,
+    let (matrix, vector) = pixel.normal(&state.plane);
+    let floor = noise * noise;
+    let damping = Vector3::new(DAMPING[0], DAMPING[1], DAMPING[1]) * floor;
+    let Some(inverse) = (matrix + Matrix3::from_diagonal(&damping)).try_inverse() else { return };
+    let step = inverse * vector;
+    let limit = |step: f32, most: f32| step.clamp(-most, most) * pixel.step;
+    let plane = Plane {
+        w: state.plane.w + limit(step.x, LONGEST[0]),
+        gx: state.plane.gx + limit(step.y, LONGEST[1]),
+        gy: state.plane.gy + limit(step.z, LONGEST[1]),
     };
-    let before = consider(pixel, along(-1.0), state);
-    let after = consider(pixel, along(1.0), state);
-    let bend = before - 2.0 * centre + after;
-    let least = 0.5 * (before - after) / bend;
-    if bend > 0.0 && least.abs() < 2.0 && least.abs() > 0.02 {
-        consider(pixel, along(least), state);
-    }
+    let length = step.x.abs() + RADIUS * (step.y.abs() + step.z.abs());
+    let before = state.energy;
+    consider(pixel, plane, state);
+    state.settled = length < NEGLIGIBLE || state.energy >= before;
 }

@@ -72,17 +72,23 @@ impl Transfer {
         })
     }
 
-    /// By how many source pixels the pixel with this [`Transfer::ray`] moves for a unit of inverse depth; 0 behind
-    /// the source camera.
+    /// How the source's pixel moves with inverse depth, source pixels a unit; 0 behind the source camera.
     #[inline]
-    pub fn disparity(&self, ray: [f32; 3], w: f32) -> f32 {
+    pub fn speed(&self, ray: [f32; 3], w: f32) -> [f32; 2] {
         let seen = self.seen(ray, w);
         if seen[2] <= 0.0 {
-            return 0.0;
+            return [0.0; 2];
         }
         let scale = 1.0 / seen[2];
         let along = |c: usize| (self.offset[c] - seen[c] * scale * self.offset[2]) * scale;
-        (along(0).powi(2) + along(1).powi(2)).sqrt()
+        [along(0), along(1)]
+    }
+
+    /// By how many source pixels the pixel with this [`Transfer::ray`] moves for a unit of inverse depth.
+    #[inline]
+    pub fn disparity(&self, ray: [f32; 3], w: f32) -> f32 {
+        let [u, v] = self.speed(ray, w);
+        (u * u + v * v).sqrt()
     }
 }
 

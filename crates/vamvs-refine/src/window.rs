@@ -1,6 +1,6 @@
 //! The window of a reference pixel: which texels it takes, their weights and statistics.
 
-use crate::isa::Isa;
+use crate::isa::for_each_isa;
 use crate::luminance::{BORDER, Padded};
 
 /// Texels of a window: 11×11 pixels, every other one, without the corners.
@@ -57,36 +57,13 @@ pub(crate) struct Window {
     pub variance: f32,
 }
 
-impl Window {
+for_each_isa! {
     /// The window of pixel (x, y) with weights that fall with the difference in grey value, over `colour`.
-    #[inline]
-    pub fn new(image: &Padded, x: usize, y: usize, colour: f32, isa: Isa) -> Self {
-        match isa {
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Isa` has these values only on processors that have the features.
-            Isa::Avx512 => unsafe { avx512(image, x, y, colour) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above.
-            Isa::Avx2 => unsafe { avx2(image, x, y, colour) },
-            Isa::Scalar => window(image, x, y, colour),
-        }
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
-fn avx512(image: &Padded, x: usize, y: usize, colour: f32) -> Window {
-    window(image, x, y, colour)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn avx2(image: &Padded, x: usize, y: usize, colour: f32) -> Window {
-    window(image, x, y, colour)
+    pub(crate) fn window(image: &Padded, x: usize, y: usize, colour: f32) -> Window = weighted
 }
 
 #[inline(always)]
-fn window(image: &Padded, x: usize, y: usize, colour: f32) -> Window {
+fn weighted(image: &Padded, x: usize, y: usize, colour: f32) -> Window {
     let centre = image.at(x, y);
     let values = texels(image, x, y);
     let scale = 1.0 / (colour * colour);

@@ -60,15 +60,15 @@ fn without_texture_the_seed_stays() {
 #[test]
 fn what_is_masked_gets_no_depth_and_does_not_disturb_its_surroundings() {
     let mut set = render(common::plane, HERE);
-    let masked = |x: usize, y: usize| (100..130).contains(&x) && (60..100).contains(&y);
+    let masked = |x: usize, y: usize| (80..110).contains(&x) && (50..90).contains(&y);
     set.photos[0].mask = Some(Grid::from_fn(common::SIZE, |x, y| !masked(x, y)));
     let image = &set.photos[0].image;
     set.photos[0].image =
         Grid::from_fn(common::SIZE, |x, y| if masked(x, y) { [255; 3] } else { image[(x, y)] });
     let result = refined(&set);
     let mut around = Vec::new();
-    for y in 50..110 {
-        for x in 90..140 {
+    for y in 40..100 {
+        for x in 70..120 {
             let depth = result.map.depth[(x, y)];
             if masked(x, y) {
                 assert_eq!((depth, result.normals[(x, y)]), (0.0, [0.0; 3]));

@@ -5,7 +5,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use vamvs_core::{DepthMap, Grid, Intrinsics, Photo, Pinhole, Pose, Size};
 
 /// The size of the photographs.
-pub const SIZE: Size = Size::new(256, 192);
+pub const SIZE: Size = Size::new(192, 144);
 
 /// Rays a pixel, along each side.
 const SAMPLES: usize = 3;
@@ -34,7 +34,7 @@ pub struct Set {
 
 /// Five photographs of a surface; the reference view is at the origin and looks along z.
 pub fn render(surface: Surface, placement: Placement) -> Set {
-    let intrinsics = Intrinsics { fx: 280.0, fy: 284.0, cx: 129.3, cy: 94.6 };
+    let intrinsics = Intrinsics { fx: 240.0, fy: 243.0, cx: 97.3, cy: 71.6 };
     let camera = Pinhole { size: SIZE, intrinsics };
     let eyes =
         [[0.0, 0.0, 0.0], [0.45, 0.05, 0.1], [-0.4, 0.1, -0.05], [0.1, 0.42, 0.0], [-0.05, -0.38, 0.1]];
@@ -87,16 +87,16 @@ fn placed(pose: &Pose, placement: Placement) -> Pose {
     Pose { rotation, translation: placement.scale * pose.translation - rotation * placement.place }
 }
 
-/// A solid texture without a preferred direction: waves of 4 to 20 pixels at depth 4.
+/// A solid texture without a preferred direction: waves of 4 to 21 pixels at depth 4.
 fn texture(point: &Vector3<f64>) -> f64 {
     let mut sum = 0.0;
-    for wave in 0..14_u32 {
+    for wave in 0..9_u32 {
         let (a, b) = (f64::from(wave) * 2.399_963, f64::from(wave) * 0.83);
         let direction = Vector3::new(a.cos() * b.cos(), a.sin() * b.cos(), b.sin());
-        let frequency = 20.0 + 6.0 * f64::from(wave);
+        let frequency = 18.0 + 8.0 * f64::from(wave);
         sum += (frequency * direction.dot(point) + 1.7 * f64::from(wave * wave)).sin();
     }
-    (127.0 + 30.0 * sum).clamp(5.0, 250.0)
+    (127.0 + 37.0 * sum).clamp(5.0, 250.0)
 }
 
 /// A tilted plane through (0, 0, 4).
@@ -168,5 +168,5 @@ pub fn median(mut values: Vec<f64>) -> f64 {
 
 /// Pixels of disparity, for a baseline of 0.42, between two depths.
 pub fn disparity(a: f32, b: f32) -> f64 {
-    280.0 * 0.42 * (1.0 / f64::from(a) - 1.0 / f64::from(b)).abs()
+    240.0 * 0.42 * (1.0 / f64::from(a) - 1.0 / f64::from(b)).abs()
 }
