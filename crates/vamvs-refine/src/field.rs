@@ -1,0 +1,128 @@
+//! The planes of all pixels, in the two colours of a checkerboard.
+
+use rayon::prelude::*;
+use vamvs_core::Size;
+
+use crate::plane::Plane;
+
+/// What is known of a pixel.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct State {
+    /// Its plane; w = 0 where there is none.
+    pub plane: Plane,
+    /// The plane's energy.
+    pub energy: f32,
+    /// Whether the plane is the best around: small changes make it no better.
+    pub settled: bool,
+}
+
+impl State {
+    /// A plane that may still be improved.
+    pub fn of(plane: Plane, energy: f32) -> Self {
+        Self { plane, energy, settled: false }
+    }
+}
+
+/// The states of all pixels. Those of each colour of a checkerboard are kept apart, so that one colour can be written
+/// by many threads while the other is read, with the same result in any order.
+pub(crate) struct Field {
+    size: Size,
+    stride: usize,
+    colours: [Vec<State>; 2],
+}
+
+/// One colour of a field, to be read.
+#[derive(Clone, Copy)]
+pub(crate) struct Colour<'a> {
+    size: Size,
+    stride: usize,
+    states: &'a [State],
+}
+
+impl Colour<'_> {
+    /// The state of the pixel `offset` beside `(x, y)`, which must be of this colour; `None` outside or without plane.
+    #[inline]
+    pub fn beside(&self, (x, y): (usize, usize), offset: (i32, i32)) -> Option<&State> {
+        let (x, y) = (x.wrapping_add_signed(offset.0 as isize), y.wrapping_add_signed(offset.1 as isize));
+        let inside = x < self.size.width && y < self.size.height;
+        let state = inside.then(|| &self.states[y * self.stride + x / 2])?;
+        (state.plane.w > 0.0).then_some(state)
+    }
+}
+
+impl Field {
+    /// A field with `state(x, y)`.
+    pub fn new(size: Size, state: impl Fn(usize, usize) -> State + Sync) -> Self {
+        let stride = size.width.div_ceil(2);
+        let empty = || vec![State::default(); stride * size.height];
+        let mut field = Self { size, stride, colours: [empty(), empty()] };
+        for colour in 0..2 {
+            field.update(colour, |_, x, y, own| *own = state(x, y));
+        }
+        field
+    }
+
+    pub fn size(&self) -> Size {
+        self.size
+    }
+
+    #[inline]
+    pub fn at(&self, x: usize, y: usize) -> &State {
+        &self.colours[(x + y) % 2][y * self.stride + x / 2]
+    }
+
+    /// The state of a pixel that may lie outside; `None` there, and without plane.
+    #[inline]
+    pub fn get(&self, x: i32, y: i32) -> Option<&State> {
+        let inside = (0..self.size.width as i32).contains(&x) && (0..self.size.height as i32).contains(&y);
+        let state = inside.then(|| self.at(x as usize, y as usize))?;
+        (state.plane.w > 0.0).then_some(state)
+    }
+
+    #[inline]
+    pub fn at_mut(&mut self, x: usize, y: usize) -> &mut State {
+        &mut self.colours[(x + y) % 2][y * self.stride + x / 2]
+    }
+
+    /// Changes the states of one colour in parallel; `change` sees the other colour, the pixel and its state.
+    pub fn update(&mut self, colour: usize, change: impl Fn(Colour, usize, usize, &mut State) + Sync) {
+        let (size, stride) = (self.size, self.stride);
+        let [first, second] = &mut self.colours;
+        let (own, other) = if colour == 0 { (first, second) } else { (second, first) };
+        let other = Colour { size, stride, states: other };
+        own.par_chunks_exact_mut(stride.max(1)).enumerate().for_each(|(y, row)| {
+            let begin = (y + colour) % 2;
+            for (place, state) in row.iter_mut().enumerate() {
+                let x = 2 * place + begin;
+                if x < size.width {
+                    change(other, x, y, state);
+                }
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_of_the_other_colour_are_found_where_they_are() {
+        let place = |x: usize, y: usize| (1 + 10 * y + x) as f32;
+        let state = |x, y| State::of(Plane { w: place(x, y), gx: 0.0, gy: 0.0 }, 0.0);
+        let mut field = Field::new(Size::new(5, 4), state);
+        assert_eq!(field.at(4, 3).plane.w, 35.0);
+        for colour in 0..2 {
+            field.update(colour, |other, x, y, own| {
+                assert_eq!((x + y) % 2, colour);
+                assert_eq!(own.plane.w, place(x, y));
+                for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (1, -2), (-3, 0)] {
+                    let (nx, ny) = (x as i32 + dx, y as i32 + dy);
+                    let inside = (0..5).contains(&nx) && (0..4).contains(&ny);
+                    let expected = inside.then(|| place(nx as usize, ny as usize));
+                    assert_eq!(other.beside((x, y), (dx, dy)).map(|state| state.plane.w), expected);
+                }
+            });
+        }
+    }
+}

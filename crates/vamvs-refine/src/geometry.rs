@@ -1,0 +1,91 @@
+//! What a source view's own depth map says of a reference pixel.
+
+use vamvs_core::depth_map::is_valid;
+use vamvs_core::{DepthMap, Pinhole, Pose};
+
+use crate::transfer::Transfer;
+
+/// A source's depth map with the ways there and back.
+pub(crate) struct Geometry<'a> {
+    map: &'a DepthMap,
+    to_source: Transfer,
+    to_reference: Transfer,
+}
+
+/// A surface of the source view near where it sees a reference pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Seen {
+    /// How far from the reference pixel the source's surface projects, pixels.
+    pub way: f32,
+    /// Its inverse depth in the reference view.
+    pub w: f32,
+}
+
+impl<'a> Geometry<'a> {
+    pub fn new(map: &'a DepthMap, reference: (&Pinhole, &Pose)) -> Self {
+        let source = (&map.camera, &map.cam_from_world);
+        Self {
+            map,
+            to_source: Transfer::new(reference, source),
+            to_reference: Transfer::new(source, reference),
+        }
+    }
+
+    /// Projects the pixel with centre `(x, y)` at inverse depth `w` into the source, and the depth that is found there
+    /// back. `None` where the source has no depth.
+    #[inline]
+    pub fn seen(&self, x: f32, y: f32, w: f32) -> Option<Seen> {
+        let seen = self.to_source.seen(self.to_source.ray(x, y), w);
+        if seen[2] <= 0.0 {
+            return None;
+        }
+        let (u, v) = (seen[0] / seen[2], seen[1] / seen[2]);
+        if u < 0.0 || v < 0.0 {
+            return None;
+        }
+        let depth = *self.map.depth.get(u as usize, v as usize)?;
+        if !is_valid(depth) {
+            return None;
+        }
+        let w_in_source = 1.0 / depth;
+        let back = self.to_reference.seen(self.to_reference.ray(u, v), w_in_source);
+        if back[2] <= 0.0 {
+            return None;
+        }
+        let (dx, dy) = (back[0] / back[2] - x, back[1] / back[2] - y);
+        Some(Seen { way: (dx * dx + dy * dy).sqrt(), w: w_in_source / back[2] })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+    use vamvs_core::{Grid, Intrinsics, Size};
+
+    const CAMERA: Pinhole = Pinhole {
+        size: Size::new(80, 60),
+        intrinsics: Intrinsics { fx: 100.0, fy: 100.0, cx: 40.0, cy: 30.0 },
+    };
+
+    fn at(x: f64) -> Pose {
+        Pose { translation: Vector3::new(-x, 0.0, 0.0), ..Pose::identity() }
+    }
+
+    #[test]
+    fn the_way_back_is_the_disparity_between_the_depths() {
+        let map = DepthMap {
+            camera: CAMERA,
+            cam_from_world: at(1.0),
+            depth: Grid::filled(CAMERA.size, 4.0),
+            confidence: Grid::filled(CAMERA.size, 1.0),
+            coarse_confidence: None,
+        };
+        let geometry = Geometry::new(&map, (&CAMERA, &at(0.0)));
+        // Disparity is 100 w: 25 pixels at the source's depth of 4.
+        let seen = geometry.seen(60.5, 20.5, 0.24).unwrap();
+        assert!((seen.way - 1.0).abs() < 1e-4 && (seen.w - 0.25).abs() < 1e-6);
+        assert!(geometry.seen(60.5, 20.5, 0.25).unwrap().way < 1e-4);
+        assert_eq!(geometry.seen(20.5, 20.5, 0.25), None, "left of the source's image");
+    }
+}

@@ -1,0 +1,206 @@
+//! Depth maps refined to the full size of their photographs by matching slanted planes, from a seed.
+//!
+//! [`refine`] solves one reference view: around the depth of a seed, which may be far smaller than the photograph, it
+//! searches for each pixel the plane under which the window around it looks most alike in the source views.
+//! [`refine_geometric`] goes on with the depth maps that the source views have got in the same way.
+//!
+//! A plane is told by inverse depth, which is affine in image coordinates; steps are told in pixels of disparity.
+//! So nothing depends on the scale, the rotation or the place of the scene. Images are seen as 8-bit luminance; windows
+//! are 11×11 pixels with bilateral weights, compared by zero-mean normalised cross-correlation. The result is the same
+//! for any number of threads and, bit for bit, for all instruction sets of [`Isa`].
+//!
+//! The crate knows no file and no tensor.
+
+mod confidence;
+mod correlation;
+mod descent;
+mod field;
+mod geometry;
+mod isa;
+mod luminance;
+mod matcher;
+mod options;
+mod plane;
+mod refined;
+mod sampling;
+mod seed;
+mod smooth;
+mod solve;
+mod source;
+mod speckle;
+mod sweep;
+mod transfer;
+mod window;
+
+use vamvs_core::{DepthMap, Grid, Photo, Size};
+
+pub use isa::Isa;
+pub use options::RefineOptions;
+pub use refined::{Features, Refined};
+pub use source::MOST_SOURCES;
+
+use field::{Field, State};
+use matcher::{IMPOSSIBLE, Matcher};
+use sweep::{Sweep, consider, sweep};
+
+/// What a depth map is refined with.
+#[derive(Clone, Copy)]
+pub(crate) struct Problem<'a> {
+    pub reference: &'a Photo,
+    pub sources: &'a [&'a Photo],
+    pub visibility: &'a [Grid<f32>],
+    pub options: &'a RefineOptions,
+}
+
+/// Why a depth map cannot be refined.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RefineError {
+    /// There is nothing to match with.
+    #[error("expected at least one source view to refine a depth map with, got none")]
+    NoSource,
+    /// A photograph that is no image.
+    #[error("expected photographs of at least 16×16 pixels, got one of {0}")]
+    TooSmall(Size),
+    /// A grid that is not the reference's.
+    #[error("expected one {what} for each of the {expected} source views, got {found}")]
+    Count {
+        /// What there is one of for each source.
+        what: &'static str,
+        /// Number of source views.
+        expected: usize,
+        /// Number of grids.
+        found: usize,
+    },
+    /// A mask or depth that has not the size of its photograph.
+    #[error("expected a {what} of the photograph's size {expected}, got {found}")]
+    Size {
+        /// What has another size.
+        what: &'static str,
+        /// The photograph's size.
+        expected: Size,
+        /// Its size.
+        found: Size,
+    },
+}
+
+/// Refines a depth map to the size of the reference photograph.
+///
+/// `seed` is a depth map of the reference view at any scale; where it has holes, depth is searched around what is near.
+/// `visibility` holds for each source how likely it sees what each reference pixel shows, in [0, 1], at any size; it may
+/// be empty. Pixels outside of the reference's mask get no depth.
+///
+/// # Errors
+/// If there is no source, or sizes or counts do not fit together.
+pub fn refine(
+    reference: &Photo,
+    sources: &[&Photo],
+    seed: &DepthMap,
+    visibility: &[Grid<f32>],
+    options: &RefineOptions,
+) -> Result<Refined, RefineError> {
+    let sources = &sources[..sources.len().min(MOST_SOURCES)];
+    check(reference, sources)?;
+    if !visibility.is_empty() && visibility.len() < sources.len() {
+        let (expected, found) = (sources.len(), visibility.len());
+        return Err(RefineError::Count { what: "visibility", expected, found });
+    }
+    let problem = Problem { reference, sources, visibility, options };
+    let (field, guesses, matcher) = solve::solve(&problem, seed);
+    let ratio = (matcher.image.size.width / guesses.width().max(1)).max(1);
+    let seed = |x: usize, y: usize| {
+        let guess = &guesses[((x / ratio).min(guesses.width() - 1), (y / ratio).min(guesses.height() - 1))];
+        (guess.trusted(), guess.confidence.max(0.0))
+    };
+    let field = finished(&field, &matcher);
+    Ok(refined::refined(reference, &field, &matcher, seed))
+}
+
+/// Refines once more, with the depth maps of the source views (`None` where one has none): a plane then also costs
+/// where the sources' own surfaces are not met.
+///
+/// # Errors
+/// If there is no source, or sizes or counts do not fit together.
+pub fn refine_geometric(
+    reference: &Photo,
+    sources: &[&Photo],
+    first: &Refined,
+    depths: &[Option<&DepthMap>],
+    options: &RefineOptions,
+) -> Result<Refined, RefineError> {
+    let sources = &sources[..sources.len().min(MOST_SOURCES)];
+    check(reference, sources)?;
+    check_size("first depth map", reference.camera.size, first.map.depth.size())?;
+    if depths.len() < sources.len() {
+        let (expected, found) = (sources.len(), depths.len());
+        return Err(RefineError::Count { what: "depth map or None", expected, found });
+    }
+    let problem = Problem { reference, sources, visibility: &[], options };
+    let mut matcher = solve::matcher(&problem, 0);
+    let here = (&reference.camera, &reference.cam_from_world);
+    let with_depths = matcher.sources.into_iter().zip(depths);
+    matcher.sources = with_depths.map(|(source, depth)| source.with_depth(*depth, here)).collect();
+    let mut field = Field::new(matcher.image.size, |x, y| {
+        let plane = first.plane(x, y);
+        let mut state = State::of(plane, IMPOSSIBLE);
+        if let Some(pixel) = matcher.pixel(x, y, plane.w, plane.w) {
+            consider(&pixel, plane, &mut state);
+        }
+        state
+    });
+    let prior = |x: usize, y: usize| first.plane(x, y).w;
+    sweep(&mut field, &matcher, prior, Sweep { steps: 1, settled: false });
+    remove_speckles(&mut field, &matcher);
+    let seed = |x: usize, y: usize| {
+        let Features { seed, .. } = first.features[(x, y)];
+        (first.plane(x, y).w, seed)
+    };
+    Ok(refined::refined(reference, &field, &matcher, seed))
+}
+
+fn check(reference: &Photo, sources: &[&Photo]) -> Result<(), RefineError> {
+    if sources.is_empty() {
+        return Err(RefineError::NoSource);
+    }
+    for photo in sources.iter().chain(&[reference]) {
+        let size = photo.image.size();
+        if size.width < 16 || size.height < 16 {
+            return Err(RefineError::TooSmall(size));
+        }
+        check_size("camera", size, photo.camera.size)?;
+        if let Some(mask) = &photo.mask {
+            check_size("mask", size, mask.size())?;
+        }
+    }
+    Ok(())
+}
+
+fn check_size(what: &'static str, expected: Size, found: Size) -> Result<(), RefineError> {
+    if expected == found { Ok(()) } else { Err(RefineError::Size { what, expected, found }) }
+}
+
+/// The planes smoothed, without speckles.
+fn finished(field: &Field, matcher: &Matcher) -> Field {
+    let mut field = smooth::smoothed(field, matcher);
+    remove_speckles(&mut field, matcher);
+    field
+}
+
+/// Removes small pieces of surface: neighbouring pixels belong together if their planes meet within a pixel.
+fn remove_speckles(field: &mut Field, matcher: &Matcher) {
+    let size = field.size();
+    let at = |place: usize| (place % size.width, place / size.width);
+    let joined = |a: usize, b: usize| {
+        let ((ax, ay), (bx, by)) = (at(a), at(b));
+        let (first, second) = (&field.at(ax, ay).plane, &field.at(bx, by).plane);
+        let (dx, dy) = (bx as f32 - ax as f32, by as f32 - ay as f32);
+        let gap =
+            (first.seen_from(dx, dy).w - second.w).abs().min((second.seen_from(-dx, -dy).w - first.w).abs());
+        gap < matcher.step(ax, ay, first.w)
+    };
+    let has_depth = |place: usize| field.at(at(place).0, at(place).1).plane.w > 0.0;
+    let small = speckle::small_pieces(size, matcher.options.speckle, has_depth, joined);
+    for place in small {
+        let (x, y) = at(place);
+        field.at_mut(x, y).plane.w = 0.0;
+    }
+}

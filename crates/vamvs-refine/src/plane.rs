@@ -1,0 +1,73 @@
+//! A plane in space, as one pixel of the reference view sees it.
+
+use nalgebra::Vector3;
+use vamvs_core::Intrinsics;
+
+/// A plane by its inverse depth: 1/z of a plane is affine in image coordinates.
+///
+/// `w(x + dx, y + dy) = w + gx · dx + gy · dy` with (x, y) the centre of the pixel that the plane belongs to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Plane {
+    /// Inverse depth at the pixel's centre, 1/scene unit; 0 where there is none.
+    pub w: f32,
+    /// Change of inverse depth for a pixel to the right.
+    pub gx: f32,
+    /// Change of inverse depth for a pixel down.
+    pub gy: f32,
+}
+
+impl Plane {
+    /// The same plane seen from a pixel `dx` to the right and `dy` below.
+    #[inline]
+    pub fn seen_from(&self, dx: f32, dy: f32) -> Self {
+        Self { w: self.w + self.gx * dx + self.gy * dy, ..*self }
+    }
+
+    /// The same plane in an image of twice the size, seen `dx`, `dy` of its pixels beside the same place.
+    #[inline]
+    pub fn doubled(&self, dx: f32, dy: f32) -> Self {
+        Self { gx: 0.5 * self.gx, gy: 0.5 * self.gy, ..*self }.seen_from(dx, dy)
+    }
+
+    /// The unit normal in the camera's frame, towards the camera, of the plane of the pixel with centre `(x, y)`.
+    pub fn normal(&self, camera: &Intrinsics, x: f64, y: f64) -> Vector3<f64> {
+        let [w, gx, gy] = [self.w, self.gx, self.gy].map(f64::from);
+        // Points X of the plane have n · X = 1, and w = n · K⁻¹ (x, y, 1).
+        let n = Vector3::new(gx * camera.fx, gy * camera.fy, w - gx * (x - camera.cx) - gy * (y - camera.cy));
+        -n / n.norm()
+    }
+
+    /// The plane with a unit normal in the camera's frame through the point at `depth` on the ray of `(x, y)`.
+    pub fn from_normal(normal: &Vector3<f64>, depth: f64, camera: &Intrinsics, x: f64, y: f64) -> Self {
+        let ray = Vector3::new((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0);
+        let n = normal / (normal.dot(&ray) * depth);
+        let finite = |v: f64| if v.is_finite() { v as f32 } else { 0.0 };
+        Self { w: (1.0 / depth) as f32, gx: finite(n.x / camera.fx), gy: finite(n.y / camera.fy) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: Intrinsics = Intrinsics { fx: 900.0, fy: 880.0, cx: 320.0, cy: 250.0 };
+
+    #[test]
+    fn inverse_depth_follows_the_plane_and_the_normal_comes_back() {
+        let normal = Vector3::new(0.4, -0.3, -0.8).normalize();
+        let plane = Plane::from_normal(&normal, 3.0, &CAMERA, 100.5, 400.5);
+        assert!((plane.normal(&CAMERA, 100.5, 400.5) - normal).norm() < 1e-5);
+        let ray =
+            |x: f64, y: f64| Vector3::new((x - CAMERA.cx) / CAMERA.fx, (y - CAMERA.cy) / CAMERA.fy, 1.0);
+        let distance = normal.dot(&(ray(100.5, 400.5) * 3.0));
+        let depth = distance / normal.dot(&ray(131.5, 380.5));
+        assert!((f64::from(plane.seen_from(31.0, -20.0).w) * depth - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn doubling_the_image_keeps_the_plane() {
+        let plane = Plane { w: 0.5, gx: 0.01, gy: -0.02 };
+        let double = plane.doubled(-0.5, 0.5);
+        assert_eq!(double, Plane { w: 0.5 - 0.0025 - 0.005, gx: 0.005, gy: -0.01 });
+    }
+}

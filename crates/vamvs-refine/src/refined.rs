@@ -1,0 +1,125 @@
+//! What refinement gives.
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use vamvs_core::{DepthMap, Grid, Photo};
+
+use crate::confidence;
+use crate::field::{Field, State};
+use crate::matcher::{Match, Matcher};
+use crate::plane::Plane;
+
+/// A refined depth map of a photograph's size.
+#[derive(Clone, Debug)]
+pub struct Refined {
+    /// Depth, and confidence in [0, 1].
+    pub map: DepthMap,
+    /// Unit normals in the reference camera's frame, towards the camera; zero where there is no depth.
+    pub normals: Grid<[f32; 3]>,
+    /// What confidence was made of.
+    pub features: Grid<Features>,
+}
+
+/// What tells right depths from wrong ones.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Features {
+    /// Mean correlation of the source views that match best, −1 to 1; 0 without texture.
+    pub correlation: f32,
+    /// Share of the source views whose correlation is above one half.
+    pub agreement: f32,
+    /// Standard deviation of luminance in the window, grey values.
+    pub texture: f32,
+    /// Distance to the seed, pixels of disparity; −1 where the seed had no depth.
+    pub moved: f32,
+    /// The seed's confidence, 0 where it had no depth.
+    pub seed: f32,
+    /// Share of the source views whose own depth maps have the same surface within a pixel; −1 before
+    /// [`crate::refine_geometric`].
+    pub geometric: f32,
+}
+
+impl Refined {
+    /// The normals in the world, as `normals/NAME.pfm` holds them; zero where there is no depth.
+    #[must_use]
+    pub fn normals_in_world(&self) -> Grid<[f32; 3]> {
+        let world_from_cam = self.map.cam_from_world.rotation.transpose().cast::<f32>();
+        self.normals.map(|&normal| (world_from_cam * Vector3::from(normal)).into())
+    }
+
+    /// The plane of a pixel; w = 0 if it has no depth.
+    pub(crate) fn plane(&self, x: usize, y: usize) -> Plane {
+        let depth = self.map.depth[(x, y)];
+        if depth <= 0.0 {
+            return Plane::default();
+        }
+        let normal = Vector3::from(self.normals[(x, y)]).cast::<f64>();
+        let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
+        Plane::from_normal(&normal, f64::from(depth), &self.map.camera.intrinsics, px, py)
+    }
+}
+
+/// A pixel of the result.
+#[derive(Clone, Copy, Default)]
+struct Outcome {
+    depth: f32,
+    normal: [f32; 3],
+    features: Features,
+}
+
+/// The result of a field. `seed(x, y)` tells the inverse depth and the confidence that the seed has at a pixel, both 0
+/// where it has none.
+pub(crate) fn refined(
+    reference: &Photo,
+    field: &Field,
+    matcher: &Matcher,
+    seed: impl Fn(usize, usize) -> (f32, f32) + Sync,
+) -> Refined {
+    let size = field.size();
+    let mut outcomes = Grid::filled(size, Outcome::default());
+    outcomes.data_mut().par_chunks_exact_mut(size.width.max(1)).enumerate().for_each(|(y, row)| {
+        for (x, outcome) in row.iter_mut().enumerate() {
+            *outcome = pixel(reference, field.at(x, y), matcher, (x, y), seed(x, y)).unwrap_or_default();
+        }
+    });
+    let confidence =
+        |outcome: &Outcome| if outcome.depth > 0.0 { confidence::of(&outcome.features) } else { 0.0 };
+    Refined {
+        map: DepthMap {
+            camera: reference.camera,
+            cam_from_world: reference.cam_from_world,
+            depth: outcomes.map(|outcome| outcome.depth),
+            confidence: outcomes.map(confidence),
+            coarse_confidence: None,
+        },
+        normals: outcomes.map(|outcome| outcome.normal),
+        features: outcomes.map(|outcome| outcome.features),
+    }
+}
+
+fn pixel(
+    reference: &Photo,
+    state: &State,
+    matcher: &Matcher,
+    (x, y): (usize, usize),
+    (seed_w, seed_confidence): (f32, f32),
+) -> Option<Outcome> {
+    let plane = state.plane;
+    if plane.w <= 0.0 {
+        return None;
+    }
+    let pixel = matcher.pixel(x, y, plane.w, 0.0)?;
+    let Match { correlation, agreeing } = pixel.matched(&plane);
+    let share = |count: f32| count / matcher.sources.len() as f32;
+    let moved = if seed_w > 0.0 { (plane.w - seed_w).abs() / pixel.step } else { -1.0 };
+    let features = Features {
+        correlation,
+        agreement: share(agreeing as f32),
+        texture: pixel.window.variance.sqrt(),
+        moved,
+        seed: seed_confidence,
+        geometric: pixel.geometric_agreement(&plane).map_or(-1.0, |count| share(count as f32)),
+    };
+    let intrinsics = &reference.camera.intrinsics;
+    let normal = plane.normal(intrinsics, x as f64 + 0.5, y as f64 + 0.5);
+    Some(Outcome { depth: 1.0 / plane.w, normal: normal.cast::<f32>().into(), features })
+}

@@ -1,0 +1,133 @@
+//! From the seed to planes at full size, resolution by resolution.
+
+use vamvs_core::{DepthMap, Grid, Photo, Pinhole};
+
+use crate::field::{Field, State};
+use crate::luminance::{self, Padded};
+use crate::matcher::{IMPOSSIBLE, Matcher};
+use crate::plane::Plane;
+use crate::seed::{Guess, Seed};
+use crate::source::{Source, reduced};
+use crate::sweep::{Sweep, consider, sweep};
+use crate::{Isa, Problem};
+
+/// Halvings of the photograph at which the search begins.
+const MOST_LEVELS: usize = 2;
+
+/// The matcher of a problem at 1/2^level.
+pub(crate) fn matcher<'a>(problem: &Problem<'a>, level: usize) -> Matcher<'a> {
+    let reference = problem.reference;
+    let (image, mask) = luminance::at_level(reference, level);
+    let camera = reduced(&reference.camera, level);
+    let here = (&camera, &reference.cam_from_world);
+    let source = |(index, photo): (usize, &&Photo)| {
+        Source::new(photo, level, here).with_visibility(problem.visibility.get(index))
+    };
+    Matcher {
+        image: Padded::new(&image, mask.as_ref()),
+        sources: problem.sources.iter().enumerate().map(source).collect(),
+        options: problem.options,
+        isa: Isa::best(),
+    }
+}
+
+/// Planes at full size, and what the seed said, at the resolution where the search began.
+pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<Guess>, Matcher<'a>) {
+    let first = first_level(&problem.reference.camera, seed);
+    let matcher = self::matcher(problem, first);
+    let guesses = Seed::new(seed).guesses(&matcher.image, &reduced(&problem.reference.camera, first));
+    let mut field = search(&matcher, &guesses);
+    let prior = |x: usize, y: usize| guesses[(x, y)].trusted();
+    sweeps(&mut field, &matcher, prior);
+    let mut matcher = matcher;
+    for level in (0..first).rev() {
+        matcher = self::matcher(problem, level);
+        let coarse = field;
+        field = enlarged(&coarse, &matcher);
+        sweeps(&mut field, &matcher, |x, y| parent(&coarse, x, y).0.w);
+    }
+    (field, guesses, matcher)
+}
+
+/// At which halving the search begins: where the seed's pixels are one to two pixels wide, but not at full size.
+fn first_level(camera: &Pinhole, seed: &DepthMap) -> usize {
+    let ratio = camera.intrinsics.fx / seed.camera.intrinsics.fx;
+    (ratio.log2().floor() as usize).clamp(1, MOST_LEVELS)
+}
+
+fn sweeps(field: &mut Field, matcher: &Matcher, prior: impl Fn(usize, usize) -> f32 + Sync) {
+    for number in 0..matcher.options.sweeps {
+        sweep(field, matcher, &prior, Sweep { steps: 2, settled: number > 0 });
+    }
+}
+
+/// The best planes near the seed: along the ray around its plane, and the surfaces beside it.
+fn search(matcher: &Matcher, guesses: &Grid<Guess>) -> Field {
+    Field::new(matcher.image.size, |x, y| {
+        let guess = &guesses[(x, y)];
+        let nothing = State::of(Plane::default(), IMPOSSIBLE);
+        if guess.plane.w <= 0.0 {
+            return nothing;
+        }
+        let Some(pixel) = matcher.pixel(x, y, guess.plane.w, guess.trusted()) else { return nothing };
+        let mut state = State::of(guess.plane, IMPOSSIBLE);
+        let reach = matcher.options.search as i32;
+        consider(&pixel, guess.plane, &mut state);
+        for offset in (-reach..=reach).filter(|&offset| offset != 0) {
+            let w = guess.plane.w + offset as f32 * pixel.step;
+            consider(&pixel, Plane { w, ..guess.plane }, &mut state);
+        }
+        for w in guess.ends {
+            if (w - guess.plane.w).abs() > (reach as f32 + 0.5) * pixel.step {
+                consider(&pixel, Plane { w, gx: 0.0, gy: 0.0 }, &mut state);
+            }
+        }
+        state
+    })
+}
+
+impl Guess {
+    /// The inverse depth if the seed has one here, 0 else.
+    pub fn trusted(&self) -> f32 {
+        if self.confidence >= 0.0 { self.plane.w } else { 0.0 }
+    }
+}
+
+/// The plane of the pixel of half the resolution that holds `(x, y)`, as seen from it.
+fn parent(coarse: &Field, x: usize, y: usize) -> (Plane, (usize, usize)) {
+    let size = coarse.size();
+    let (px, py) = ((x / 2).min(size.width - 1), (y / 2).min(size.height - 1));
+    (seen_below(coarse, (px, py), (x, y)), (px, py))
+}
+
+fn seen_below(coarse: &Field, (px, py): (usize, usize), (x, y): (usize, usize)) -> Plane {
+    let offset = |at: usize, parent: usize| at as f32 + 0.5 - (2 * parent + 1) as f32;
+    coarse.at(px, py).plane.doubled(offset(x, px), offset(y, py))
+}
+
+/// The planes at twice the resolution: of the four nearest pixels' planes the best.
+fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
+    let size = coarse.size();
+    Field::new(matcher.image.size, |x, y| {
+        let (own, (px, py)) = parent(coarse, x, y);
+        let mut state = State::of(own, IMPOSSIBLE);
+        if own.w <= 0.0 {
+            return State { plane: Plane::default(), ..state };
+        }
+        let Some(pixel) = matcher.pixel(x, y, own.w, own.w) else {
+            return State { plane: Plane::default(), ..state };
+        };
+        consider(&pixel, own, &mut state);
+        let beside = |at: usize, parent: usize, count: usize| {
+            if at.is_multiple_of(2) { parent.saturating_sub(1) } else { (parent + 1).min(count - 1) }
+        };
+        let (qx, qy) = (beside(x, px, size.width), beside(y, py, size.height));
+        for place in [(qx, py), (px, qy), (qx, qy)] {
+            let plane = seen_below(coarse, place, (x, y));
+            if plane.w > 0.0 && (plane.w - own.w).abs() > 0.25 * pixel.step {
+                consider(&pixel, plane, &mut state);
+            }
+        }
+        state
+    })
+}

@@ -1,0 +1,50 @@
+//! A source view as the matcher sees it.
+
+use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Pose};
+
+use crate::geometry::Geometry;
+use crate::luminance::{self, Quads};
+use crate::transfer::Transfer;
+
+/// The most source views that are looked at; more are left aside.
+pub const MOST_SOURCES: usize = 16;
+
+/// A source photograph at some resolution, and how the reference view projects into it.
+pub(crate) struct Source<'a> {
+    pub quads: Quads,
+    pub transfer: Transfer,
+    /// How likely the source sees what a reference pixel shows, 0 to 1, at any size.
+    pub visibility: Option<&'a Grid<f32>>,
+    /// The source's own depth map.
+    pub geometry: Option<Geometry<'a>>,
+}
+
+impl<'a> Source<'a> {
+    /// The source at 1/2^level for a reference camera that is already reduced.
+    pub fn new(photo: &Photo, level: usize, reference: (&Pinhole, &Pose)) -> Self {
+        let (image, _) = luminance::at_level(photo, level);
+        let camera = reduced(&photo.camera, level);
+        let transfer = Transfer::new(reference, (&camera, &photo.cam_from_world));
+        Self { quads: Quads::new(&image), transfer, visibility: None, geometry: None }
+    }
+
+    /// The source with what the network says of it.
+    pub fn with_visibility(self, visibility: Option<&'a Grid<f32>>) -> Self {
+        Self { visibility, ..self }
+    }
+
+    /// The source with its depth map.
+    pub fn with_depth(self, map: Option<&'a DepthMap>, reference: (&Pinhole, &Pose)) -> Self {
+        Self { geometry: map.map(|map| Geometry::new(map, reference)), ..self }
+    }
+}
+
+/// A camera at 1/2^level, as [`luminance::at_level`] reduces its photograph.
+pub(crate) fn reduced(camera: &Pinhole, level: usize) -> Pinhole {
+    let mut camera = *camera;
+    for _ in 0..level {
+        camera.size = vamvs_core::Size::new(camera.size.width / 2, camera.size.height / 2);
+        camera.intrinsics = camera.intrinsics.scaled(0.5, 0.5);
+    }
+    camera
+}

@@ -1,0 +1,126 @@
+//! A sweep over the image: planes of neighbours are tried, and the best is polished.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::field::{Colour, Field, State};
+use crate::matcher::{Matcher, Pixel};
+use crate::plane::Plane;
+
+/// Where planes come from, for each of four directions; all places are of the other colour.
+const DIRECTIONS: [[(i32, i32); 4]; 4] = [
+    [(1, 0), (2, 1), (2, -1), (5, 0)],
+    [(-1, 0), (-2, 1), (-2, -1), (-5, 0)],
+    [(0, 1), (1, 2), (-1, 2), (0, 5)],
+    [(0, -1), (1, -2), (-1, -2), (0, -5)],
+];
+
+/// Planes that differ by less, in pixels of disparity over the window, are the same.
+const SAME: f32 = 0.1;
+
+/// The radius of the window, pixels.
+const RADIUS: f32 = 5.0;
+
+/// A step of less, in pixels of disparity over the window, is none.
+const NEGLIGIBLE: f32 = 0.03;
+
+/// The longest step: pixels of disparity, and of disparity a pixel.
+const LONGEST: [f32; 2] = [1.0, 0.2];
+
+/// What is known of depth and slopes anyway, as a share of the noise: damps the steps where there is little texture.
+const DAMPING: [f32; 2] = [0.1, 4.0];
+
+/// How a sweep goes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sweep {
+    /// Gauss–Newton steps at most.
+    pub steps: usize,
+    /// Whether planes that were settled before are left alone unless a neighbour's is better.
+    pub settled: bool,
+}
+
+/// Improves all planes, first of the one, then of the other colour. `prior` is what was known of a pixel before.
+pub(crate) fn sweep(
+    field: &mut Field,
+    matcher: &Matcher,
+    prior: impl Fn(usize, usize) -> f32 + Sync,
+    how: Sweep,
+) {
+    for colour in 0..2 {
+        field.update(colour, |other, x, y, state| {
+            if state.plane.w <= 0.0 {
+                return;
+            }
+            if let Some(pixel) = matcher.pixel(x, y, state.plane.w, prior(x, y)) {
+                state.settled &= how.settled;
+                propagate(&pixel, other, (x, y), state);
+                from_sources(&pixel, matcher.sources.len(), state);
+                for _ in 0..how.steps {
+                    descend(&pixel, state, matcher.options.noise);
+                }
+            }
+        });
+    }
+}
+
+/// Takes the plane of a neighbour where it is better.
+fn propagate(pixel: &Pixel, other: Colour, place: (usize, usize), state: &mut State) {
+    let mut tried = [state.plane; DIRECTIONS.len() + 1];
+    for (number, direction) in DIRECTIONS.iter().enumerate() {
+        let neighbours = direction.iter().filter_map(|&offset| Some((other.beside(place, offset)?, offset)));
+        let best = neighbours.min_by(|a, b| a.0.energy.total_cmp(&b.0.energy));
+        let Some((neighbour, (dx, dy))) = best else { continue };
+        let plane = neighbour.plane.seen_from(-dx as f32, -dy as f32);
+        if !tried[..=number].iter().any(|other| same(&plane, other, pixel.step)) {
+            consider(pixel, plane, state);
+        }
+        tried[number + 1] = plane;
+    }
+}
+
+/// Takes the depth that the source views' own depth maps have there where it is better.
+fn from_sources(pixel: &Pixel, count: usize, state: &mut State) {
+    for source in 0..count {
+        let Some(seen) = pixel.seen_by(source, &state.plane) else { continue };
+        let plane = Plane { w: seen.w, ..state.plane };
+        if !same(&plane, &state.plane, pixel.step) {
+            consider(pixel, plane, state);
+        }
+    }
+}
+
+fn same(a: &Plane, b: &Plane, step: f32) -> bool {
+    let over_window = (a.w - b.w).abs() + RADIUS * ((a.gx - b.gx).abs() + (a.gy - b.gy).abs());
+    over_window < SAME * step
+}
+
+/// Takes the plane if its energy is lower, and tells its energy.
+#[inline]
+pub(crate) fn consider(pixel: &Pixel, plane: Plane, state: &mut State) -> f32 {
+    let energy = pixel.energy(&plane);
+    if energy < state.energy {
+        *state = State::of(plane, energy);
+    }
+    energy
+}
+
+/// A Gauss–Newton step, taken if the energy falls.
+fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
+    if state.settled {
+        return;
+    }
+    let (matrix, vector) = pixel.normal(&state.plane);
+    let floor = noise * noise;
+    let damping = Vector3::new(DAMPING[0], DAMPING[1], DAMPING[1]) * floor;
+    let Some(inverse) = (matrix + Matrix3::from_diagonal(&damping)).try_inverse() else { return };
+    let step = inverse * vector;
+    let limit = |step: f32, most: f32| step.clamp(-most, most) * pixel.step;
+    let plane = Plane {
+        w: state.plane.w + limit(step.x, LONGEST[0]),
+        gx: state.plane.gx + limit(step.y, LONGEST[1]),
+        gy: state.plane.gy + limit(step.z, LONGEST[1]),
+    };
+    let length = step.x.abs() + RADIUS * (step.y.abs() + step.z.abs());
+    let before = state.energy;
+    consider(pixel, plane, state);
+    state.settled = length < NEGLIGIBLE || state.energy >= before;
+}

@@ -1,0 +1,124 @@
+//! The window of a reference pixel: which texels it takes, their weights and statistics.
+
+use crate::isa::for_each_isa;
+use crate::luminance::{BORDER, Padded};
+
+/// Texels of a window: 11×11 pixels, every other one, without the corners.
+pub(crate) const TEXELS: usize = 32;
+
+/// Values of the texels of a window.
+pub(crate) type Texels = [f32; TEXELS];
+
+/// Places of the texels from the window's centre, pixels.
+pub(crate) const OFFSETS: ([f32; TEXELS], [f32; TEXELS]) = offsets();
+
+/// Weights by distance alone, a Gaussian's.
+const NEARNESS: Texels = nearness();
+
+const fn offsets() -> ([f32; TEXELS], [f32; TEXELS]) {
+    let (mut dx, mut dy) = ([0.0; TEXELS], [0.0; TEXELS]);
+    let (mut cell, mut texel) = (0_usize, 0);
+    while cell < 36 {
+        let (column, row) = (cell % 6, cell / 6);
+        let corner = (column == 0 || column == 5) && (row == 0 || row == 5);
+        if !corner {
+            dx[texel] = 2.0 * column as f32 - 5.0;
+            dy[texel] = 2.0 * row as f32 - 5.0;
+            texel += 1;
+        }
+        cell += 1;
+    }
+    (dx, dy)
+}
+
+const fn nearness() -> Texels {
+    let (mut weights, mut texel) = ([0.0; TEXELS], 0);
+    while texel < TEXELS {
+        let (dx, dy) = (OFFSETS.0[texel], OFFSETS.1[texel]);
+        // 1 / (1 + t + t²/2 + t³/6), near exp(−t), with t = distance² / (2 · 4.5²).
+        let t = (dx * dx + dy * dy) / 40.5;
+        weights[texel] = 1.0 / (1.0 + t + t * t / 2.0 + t * t * t / 6.0);
+        texel += 1;
+    }
+    weights
+}
+
+/// What correlation needs to know of a reference window.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub(crate) struct Window {
+    /// Bilateral weights; they sum to 1.
+    pub weights: Texels,
+    /// Weight times grey value less the mean.
+    pub centred: Texels,
+    /// The weighted mean, grey values.
+    pub mean: f32,
+    /// The weighted variance, grey values².
+    pub variance: f32,
+}
+
+for_each_isa! {
+    /// The window of pixel (x, y) with weights that fall with the difference in grey value, over `colour`.
+    pub(crate) fn window(image: &Padded, x: usize, y: usize, colour: f32) -> Window = weighted
+}
+
+#[inline(always)]
+fn weighted(image: &Padded, x: usize, y: usize, colour: f32) -> Window {
+    let centre = image.at(x, y);
+    let values = texels(image, x, y);
+    let scale = 1.0 / (colour * colour);
+    let mut weights = [0.0; TEXELS];
+    for i in 0..TEXELS {
+        let difference = values[i] - centre;
+        let likeness = 1.0 / (1.0 + difference * difference * scale);
+        weights[i] = NEARNESS[i] * likeness * likeness;
+    }
+    let norm = 1.0 / sum(&weights);
+    let (mut shares, mut first, mut second) = ([0.0; TEXELS], [0.0; TEXELS], [0.0; TEXELS]);
+    for i in 0..TEXELS {
+        shares[i] = weights[i] * norm;
+        first[i] = shares[i] * (values[i] - centre);
+        second[i] = first[i] * (values[i] - centre);
+    }
+    let mean = sum(&first);
+    let variance = (sum(&second) - mean * mean).max(0.0);
+    let mut centred = [0.0; TEXELS];
+    for i in 0..TEXELS {
+        centred[i] = first[i] - shares[i] * mean;
+    }
+    Window { weights: shares, centred, mean: centre + mean, variance }
+}
+
+#[inline(always)]
+fn texels(image: &Padded, x: usize, y: usize) -> Texels {
+    let (values, stride) = image.around(x, y);
+    let mut texels = [0.0; TEXELS];
+    let mut texel = 0;
+    for row in 0..6 {
+        let skipped = usize::from(row == 0 || row == 5);
+        let values = &values[(BORDER - 5 + 2 * row) * stride + BORDER - 5..][..11];
+        for column in skipped..6 - skipped {
+            texels[texel] = values[2 * column];
+            texel += 1;
+        }
+    }
+    texels
+}
+
+/// The sum in a fixed order that suits vectors of any length.
+#[inline(always)]
+pub(crate) fn sum(values: &Texels) -> f32 {
+    let mut halves = [0.0; TEXELS / 2];
+    for i in 0..TEXELS / 2 {
+        halves[i] = values[i] + values[i + TEXELS / 2];
+    }
+    sum_lanes(&halves)
+}
+
+/// The sum of 16 values in a fixed order.
+#[inline(always)]
+pub(crate) fn sum_lanes(values: &[f32; 16]) -> f32 {
+    let a: [f32; 8] = std::array::from_fn(|i| values[i] + values[i + 8]);
+    let b: [f32; 4] = std::array::from_fn(|i| a[i] + a[i + 4]);
+    (b[0] + b[2]) + (b[1] + b[3])
+}

@@ -1,0 +1,96 @@
+//! Refinement against surfaces whose depth is known exactly.
+
+mod common;
+
+use common::{HERE, Set, disparity, median, render, seed, sources};
+use nalgebra::Vector3;
+use vamvs_core::{DepthMap, Grid};
+use vamvs_refine::{RefineOptions, Refined, refine, refine_geometric};
+
+fn refined(set: &Set) -> Refined {
+    refine(&set.photos[0], &sources(set), &seed(set), &[], &RefineOptions::default()).unwrap()
+}
+
+/// Errors of disparity of all pixels at least `border` from the image's border.
+fn errors(set: &Set, depth: &Grid<f32>, border: usize) -> Vec<f64> {
+    let (width, height) = (depth.width(), depth.height());
+    let places = (border..height - border).flat_map(|y| (border..width - border).map(move |x| (x, y)));
+    places
+        .map(|place| if depth[place] > 0.0 { disparity(depth[place], set.depth[place]) } else { 9.0 })
+        .collect()
+}
+
+fn share_above(errors: &[f64], threshold: f64) -> f64 {
+    errors.iter().filter(|error| **error > threshold).count() as f64 / errors.len() as f64
+}
+
+#[test]
+fn a_tilted_plane_is_met_to_a_twentieth_of_a_pixel_and_two_degrees() {
+    let set = render(common::plane, HERE);
+    let result = refined(&set);
+    let errors = errors(&set, &result.map.depth, 8);
+    let angles = result.normals.data().iter().zip(set.normals.data());
+    let angles =
+        angles.map(|(found, truth)| Vector3::from(*found).cast::<f64>().angle(truth).to_degrees()).collect();
+    let (error, angle) = (median(errors.clone()), median(angles));
+    println!("median {error:.4} px, {angle:.2}°, above a pixel {:.4}", share_above(&errors, 1.0));
+    assert!(error < 0.05 && angle < 2.0);
+    assert!(share_above(&errors, 1.0) < 0.002);
+}
+
+#[test]
+fn a_sphere_before_a_wall_is_met_to_a_twentieth_of_a_pixel() {
+    let set = render(common::sphere, HERE);
+    let errors = errors(&set, &refined(&set).map.depth, 8);
+    println!("median {:.4} px, above a pixel {:.4}", median(errors.clone()), share_above(&errors, 1.0));
+    assert!(median(errors.clone()) < 0.05);
+    assert!(share_above(&errors, 1.0) < 0.03);
+}
+
+#[test]
+fn a_step_stays_a_step() {
+    let set = render(common::step, HERE);
+    let errors = errors(&set, &refined(&set).map.depth, 8);
+    println!("median {:.4} px, above a pixel {:.4}", median(errors.clone()), share_above(&errors, 1.0));
+    assert!(median(errors.clone()) < 0.05);
+    // A column is 0.4 % of the pixels: the edge is met to about two.
+    assert!(share_above(&errors, 1.0) < 0.012);
+}
+
+#[test]
+fn the_neighbours_depth_maps_bring_outliers_back() {
+    let set = render(common::plane, HERE);
+    let mut first = refined(&set);
+    for (place, depth) in first.map.depth.data_mut().iter_mut().enumerate() {
+        *depth *= if place % 17 == 0 { 1.02 } else { 1.0 };
+    }
+    let maps: Vec<DepthMap> = set.photos[1..].iter().map(|photo| true_map(&set, photo)).collect();
+    let maps: Vec<Option<&DepthMap>> = maps.iter().map(Some).collect();
+    let options = RefineOptions::default();
+    let second = refine_geometric(&set.photos[0], &sources(&set), &first, &maps, &options).unwrap();
+    let [before, after] = [&first, &second].map(|result| errors(&set, &result.map.depth, 8));
+    println!("median {:.4} → {:.4} px", median(before.clone()), median(after.clone()));
+    assert!(share_above(&before, 0.5) > 0.05 && share_above(&after, 0.5) < 0.005);
+    assert!(median(after) < 0.05);
+    let agreeing = second.features.data().iter().filter(|features| features.geometric >= 0.75).count();
+    assert!(agreeing * 10 > second.features.data().len() * 8);
+}
+
+/// The plane's depth in another view.
+fn true_map(set: &Set, photo: &vamvs_core::Photo) -> DepthMap {
+    let world_from_cam = photo.cam_from_world.inverse();
+    let depth = Grid::from_fn(photo.camera.size, |x, y| {
+        let ray = photo.camera.intrinsics.ray(&nalgebra::Vector2::new(x as f64 + 0.5, y as f64 + 0.5));
+        let direction = world_from_cam.rotation * ray;
+        common::plane(&photo.cam_from_world.centre(), &direction).map_or(0.0, |(t, _)| t as f32)
+    });
+    let confidence = Grid::filled(depth.size(), 1.0);
+    assert_eq!(depth.size(), set.depth.size());
+    DepthMap {
+        camera: photo.camera,
+        cam_from_world: photo.cam_from_world,
+        depth,
+        confidence,
+        coarse_confidence: None,
+    }
+}
