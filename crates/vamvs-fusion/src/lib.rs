@@ -11,26 +11,35 @@
 //!
 //! This crate knows no file: depth maps come from a [`MapSource`], points go to a closure.
 
+mod appearance;
 mod bits;
 mod cache;
+mod consistency;
 mod error;
 mod fuse;
 mod geometric;
+mod mean;
 mod merge;
 mod normals;
 mod options;
 mod order;
+mod outlet;
+mod packed_normal;
+mod pair;
 mod photometric;
 mod points;
 mod priority;
 mod report;
+mod round_trip;
 mod source;
+mod spacing;
 mod surface;
+mod wide;
 
 pub use error::{BoxError, FuseError};
 pub use fuse::{FuseEvent, FuseJob, fuse, fuse_to_cloud};
-pub use options::{FuseOptions, OptionsError};
+pub use options::{Consistency, FuseOptions, OptionsError, Spacing};
 pub use points::FusedPoints;
 pub use report::{FuseReport, ViewReport};
-pub use source::{FusionView, MapSource};
+pub use source::{FusionView, MapSource, MaskedMap};
 pub use surface::Surface;
