@@ -72,7 +72,7 @@ pub fn fuse<S: MapSource + ?Sized>(
     let order = by_neighbourhood(&mutual);
     let (kept, filtering) = filter_views(job, (&neighbours, &order), on_event)?;
     let unit = typical_footprint(&kept);
-    let thinner = job.options.spacing.map(|spacing| Thinner::new(spacing, unit));
+    let thinner = job.options.point_spacing.map(|spacing| Thinner::new(spacing, unit));
     let reports = kept.iter().map(|kept| (kept.report, kept.count));
     let mut outlet = Outlet::new(sink, on_event, thinner, reports);
     let merging = Merging { job, kept: &kept, unit, neighbours: &mutual };

@@ -38,7 +38,7 @@ mod wide;
 
 pub use error::{BoxError, FuseError};
 pub use fuse::{FuseEvent, FuseJob, fuse, fuse_to_cloud};
-pub use options::{Consistency, FuseOptions, OptionsError, Spacing};
+pub use options::{Consistency, FuseOptions, OptionsError, PointSpacing};
 pub use points::FusedPoints;
 pub use report::{FuseReport, ViewReport};
 pub use source::{FusionView, MapSource, MaskedMap};

@@ -17,7 +17,7 @@ pub enum Consistency {
 /// How far apart points of the cloud are at least.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Spacing {
+pub enum PointSpacing {
     /// In scene units.
     Units(f64),
     /// In pixels of the depth maps: their mean size on the surface.
@@ -49,7 +49,7 @@ pub struct FuseOptions {
     /// The least confidence of the coarse stage where a map has one, 0 to 1.
     pub min_coarse_confidence: f32,
     /// How far apart points are at least; `None` for as dense as the view that sees a place in most detail.
-    pub spacing: Option<Spacing>,
+    pub point_spacing: Option<PointSpacing>,
 }
 
 /// What a distance in pixels may be.
@@ -78,7 +78,7 @@ impl Default for FuseOptions {
             contradiction: 0.0,
             min_confidence: 0.1,
             min_coarse_confidence: 0.2,
-            spacing: None,
+            point_spacing: None,
         }
     }
 }
@@ -123,8 +123,8 @@ impl FuseOptions {
         check(against >= 0.0 && against.is_finite(), "contradiction", "0 or more", against.into())?;
         check(share(fine), "min-confidence", "from 0 to 1", fine.into())?;
         check(share(coarse), "min-coarse-confidence", "from 0 to 1", coarse.into())?;
-        let Some(Spacing::Units(spacing) | Spacing::Pixels(spacing)) = self.spacing else { return Ok(()) };
-        check(spacing > 0.0 && spacing.is_finite(), "spacing", "a positive distance", spacing)
+        let Some(PointSpacing::Units(spacing) | PointSpacing::Pixels(spacing)) = self.point_spacing else { return Ok(()) };
+        check(spacing > 0.0 && spacing.is_finite(), "point-spacing", "a positive distance", spacing)
     }
 }
 
@@ -137,8 +137,8 @@ mod tests {
         assert_eq!(FuseOptions::default().validate(), Ok(()));
         assert_eq!(FuseOptions::classic().validate(), Ok(()));
         assert_eq!(FuseOptions::dtu().validate(), Ok(()));
-        let spaced = |spacing| FuseOptions { spacing: Some(spacing), ..FuseOptions::default() };
-        assert_eq!(spaced(Spacing::Pixels(2.0)).validate(), Ok(()));
+        let spaced = |spacing| FuseOptions { point_spacing: Some(spacing), ..FuseOptions::default() };
+        assert_eq!(spaced(PointSpacing::Pixels(2.0)).validate(), Ok(()));
         let wrong = [
             (FuseOptions { max_reprojection: f32::NAN, ..FuseOptions::default() }, "max-reprojection"),
             (FuseOptions { max_relative_depth: 0.0, ..FuseOptions::default() }, "max-relative-depth"),
@@ -148,8 +148,8 @@ mod tests {
             (FuseOptions { min_coarse_confidence: 1.1, ..FuseOptions::default() }, "min-coarse-confidence"),
             (FuseOptions { min_support: 0.0, ..FuseOptions::default() }, "min-support"),
             (FuseOptions { contradiction: -1.0, ..FuseOptions::default() }, "contradiction"),
-            (spaced(Spacing::Units(0.0)), "spacing"),
-            (spaced(Spacing::Pixels(f64::INFINITY)), "spacing"),
+            (spaced(PointSpacing::Units(0.0)), "point-spacing"),
+            (spaced(PointSpacing::Pixels(f64::INFINITY)), "point-spacing"),
         ];
         for (options, name) in wrong {
             assert_eq!(options.validate().unwrap_err().name, name);

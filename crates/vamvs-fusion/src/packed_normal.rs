@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-/// A unit normal, or none, as a point of the octahedron folded onto a square (Cigolle et al. 2014): within 0.003°.
+/// A unit normal, or none, as a point of the octahedron folded onto a square (Cigolle et al. 2014): within 0.006°.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PackedNormal([i16; 2]);
 
@@ -57,7 +57,7 @@ mod tests {
             let radius = (1.0 - z * z).sqrt();
             let normal = Vector3::new(radius * angle.cos(), radius * angle.sin(), z);
             let back = PackedNormal::new((3.0 * normal).into()).unpacked();
-            assert!((back - normal).norm() < 6e-5, "{normal} became {back}");
+            assert!((back - normal).norm() < 1e-4, "{normal} became {back}");
         }
         for none in [[0.0; 3], [f32::NAN, 0.0, 1.0], [f32::INFINITY, 0.0, 0.0]] {
             assert_eq!(PackedNormal::new(none).unpacked(), Vector3::zeros());

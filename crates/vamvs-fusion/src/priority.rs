@@ -2,9 +2,14 @@
 
 use crate::photometric::{FilteredView, focal};
 
-/// A strict order of views at a place: the view with the smaller pixel footprint (depth over focal
-/// length) comes first. Footprints are compared in steps of half an octave, so that neighbouring
-/// pixels decide alike; at equal steps the view with the lower number comes first.
+/// The rank of a pixel among those of other views that see the same place: the one with the smaller footprint
+/// (depth over focal length) comes first. Footprints are compared in steps of half an octave, so that
+/// neighbouring pixels decide alike; at equal steps the view with the lower number comes first.
+///
+/// A pixel has one rank, of the depth at its own centre, whichever pixel asks for it. So the order is strict over
+/// the pixels of all views: those that leave a place to one another form chains of falling ranks, and each
+/// chain ends at a pixel that makes a point. (With the depth at the place asked for, which is not the pixel's
+/// centre, two pixels on both sides of a step could each leave their place to the other.)
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Rank {
     half_octaves: u32,
@@ -25,7 +30,7 @@ impl Ranking {
         Self { view, footprint: (middle / (focal(&filtered.camera) * unit)) as f32 }
     }
 
-    /// The view's rank at a place where it has `inverse_depth`.
+    /// The rank of a pixel of the view that has `inverse_depth` at its centre.
     #[inline]
     pub fn rank(&self, inverse_depth: f32) -> Rank {
         let footprint = self.footprint / inverse_depth;

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
-use crate::{FusedPoints, Spacing};
+use crate::{FusedPoints, PointSpacing};
 
 /// Lets a point pass if none passed before that is nearer than the spacing. What passes depends on the order of the
 /// points alone. Takes some 60 bytes for each point that passes.
@@ -18,10 +18,10 @@ pub(crate) struct Thinner {
 
 impl Thinner {
     /// `footprint` is the size of a pixel on the surface, scene units.
-    pub fn new(spacing: Spacing, footprint: f64) -> Self {
+    pub fn new(spacing: PointSpacing, footprint: f64) -> Self {
         let spacing = match spacing {
-            Spacing::Units(units) => units,
-            Spacing::Pixels(pixels) => pixels * footprint,
+            PointSpacing::Units(units) => units,
+            PointSpacing::Pixels(pixels) => pixels * footprint,
         };
         Self { spacing, last: HashMap::default(), passed: Vec::new() }
     }
@@ -113,7 +113,7 @@ mod tests {
         let random = |i: usize, step: f64| (i as f64 * step).fract();
         let place = |i: usize| [random(i, 0.819_172_5) - 0.5, random(i, 0.671_043_6) - 0.5, random(i, 0.549_700_5)];
         let (first, second) = (points((0..1500).map(place)), points((1500..3000).map(place)));
-        let mut thinner = Thinner::new(Spacing::Pixels(2.0), 0.05);
+        let mut thinner = Thinner::new(PointSpacing::Pixels(2.0), 0.05);
         let mut passed = thinner.thinned(&first);
         passed.append(&thinner.thinned(&second));
         let passed = passed.points();
@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn points_keep_their_views() {
-        let thinned = Thinner::new(Spacing::Units(0.1), 1.0).thinned(&points([[0.0; 3], [0.05; 3], [1.0; 3]]));
+        let thinned = Thinner::new(PointSpacing::Units(0.1), 1.0).thinned(&points([[0.0; 3], [0.05; 3], [1.0; 3]]));
         let views: Vec<_> = thinned.iter().map(|(_, views)| views).collect();
         assert_eq!(views, [[3, 7], [3, 7]]);
     }

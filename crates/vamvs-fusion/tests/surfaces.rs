@@ -5,8 +5,8 @@ mod synthetic;
 
 use nalgebra::Vector3;
 use synthetic::{Surface, all_others, views};
-use vamvs_core::{Cloud, Roi, Size, lift::lift_map};
-use vamvs_fusion::{FuseJob, FuseOptions, FuseReport, FusionView, fuse_to_cloud};
+use vamvs_core::{Cloud, Grid, Roi, Size, lift::lift_map};
+use vamvs_fusion::{FuseJob, FuseOptions, FuseReport, FusedPoints, FusionView, fuse_to_cloud};
 
 const SIZE: Size = Size::new(96, 72);
 /// For surfaces that curve: what interpolation bends off falls with the square of the pixel.
@@ -119,7 +119,7 @@ fn outliers_of_one_map_vanish() {
 fn masked_and_unconfident_pixels_take_no_part() {
     let mut views = views(tilted(), 3, SIZE, DISTANCE);
     let left = |x: usize| x < SIZE.width / 2;
-    views[0].mask = Some(vamvs_core::Grid::from_fn(SIZE, |x, _| !left(x)));
+    views[0].mask = Some(Grid::from_fn(SIZE, |x, _| !left(x)));
     for (i, confidence) in views[1].map.confidence.data_mut().iter_mut().enumerate() {
         *confidence = if left(i % SIZE.width) { 0.05 } else { 0.7 };
     }
@@ -140,7 +140,7 @@ fn masked_and_unconfident_pixels_take_no_part() {
 #[test]
 fn the_coarse_confidence_counts_where_there_is_one() {
     let mut views = views(tilted(), 3, SIZE, DISTANCE);
-    views[2].map.coarse_confidence = Some(vamvs_core::Grid::filled(SIZE, 0.15));
+    views[2].map.coarse_confidence = Some(Grid::filled(SIZE, 0.15));
     let (cloud, report) = fuse(&views, &FuseOptions::classic(), None);
     assert!(cloud.is_empty());
     assert_eq!(report.views[2].unconfident, SIZE.area() as u64);
@@ -161,7 +161,7 @@ fn only_the_region_of_interest_makes_points() {
 #[test]
 fn each_pixel_is_reported_once() {
     let mut views = views(Surface::Sphere, 4, SIZE, DISTANCE);
-    views[0].mask = Some(vamvs_core::Grid::from_fn(SIZE, |x, y| (x + y) % 7 != 0));
+    views[0].mask = Some(Grid::from_fn(SIZE, |x, y| (x + y) % 7 != 0));
     views[1].map.confidence.data_mut().iter_mut().step_by(5).for_each(|c| *c = 0.0);
     let roi = Roi { min: Vector3::repeat(-0.8), max: Vector3::repeat(1.1) };
     let (cloud, report) = fuse(&views, &FuseOptions::default(), Some(roi));
@@ -196,4 +196,83 @@ fn pixels_that_are_not_kept_swallow_no_points() {
     assert_eq!(report.views[0].inconsistent, SIZE.area() as u64, "one neighbour cannot make three views");
     assert!(report.views[1].merged < SIZE.area() as u64 / 20, "although view 0 would come first");
     assert!(report.views[1].points > SIZE.area() as u64 / 2);
+}
+
+/// A slanted plane seen by two views from many distances: along lines across it the order of the views changes,
+/// and nowhere there may each of them leave a place to the other.
+#[test]
+fn no_hairline_gap_opens_where_the_order_of_the_views_changes() {
+    let surface = Surface::Plane(Vector3::new(0.75, 0.1, 0.65).normalize());
+    let mut crossings = 0;
+    for step in 0..40 {
+        let (near, far) =
+            (views(surface, 3, SIZE, DISTANCE), views(surface, 3, SIZE, DISTANCE * 1.02_f64.powi(step)));
+        for pair in [[&near[0], &far[2]], [&far[2], &near[0]], [&near[2], &far[0]], [&far[0], &near[2]]] {
+            let pair = pair.map(Clone::clone);
+            let made = pixels_that_make_points(&pair);
+            crossings += usize::from(made.iter().all(|made| made.data().contains(&true)));
+            for view in 0..2 {
+                assert_eq!(left_to_nobody(&pair, &made, view), 0, "distance step {step}, view {view}");
+            }
+        }
+    }
+    assert!(crossings > 40, "views share the work in {crossings} pairs");
+}
+
+/// For each of two views of a plane, which pixels make a point.
+fn pixels_that_make_points(pair: &[FusionView; 2]) -> [Grid<bool>; 2] {
+    let mut made = [(); 2].map(|()| Grid::filled(SIZE, false));
+    let neighbours = all_others(2);
+    let options = FuseOptions { min_views: 1, max_relative_depth: 0.03, ..FuseOptions::classic() };
+    let job =
+        FuseJob { source: &pair[..], neighbours: &neighbours, options: &options, roi: None, memory: 1 << 30 };
+    let mut sink = |fused: &FusedPoints| {
+        for (point, views) in fused.iter() {
+            let maker = views[0] as usize;
+            let at = pixels_of(&pair[maker], &Vector3::from(point.x_in_world), 0.0);
+            at.into_iter().for_each(|pixel| made[maker][pixel] = true);
+        }
+        Ok(())
+    };
+    vamvs_fusion::fuse(&job, &mut sink, &mut |_| ()).unwrap();
+    made
+}
+
+/// The pixels of a view that show a point of the world, or are within `tolerance` pixels of where it is.
+fn pixels_of(view: &FusionView, x_in_world: &Vector3<f64>, tolerance: f64) -> Vec<(usize, usize)> {
+    let map = &view.map;
+    let Some(at) = map.camera.project_inside(&map.cam_from_world.transform(x_in_world)) else {
+        return vec![];
+    };
+    let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
+    let pixels = corners.map(|(x, y)| ((at.x + x * tolerance) as usize, (at.y + y * tolerance) as usize));
+    pixels.into_iter().filter(|&(x, y)| x < SIZE.width && y < SIZE.height).collect()
+}
+
+/// Steps from a pixel to the one it is left to, to the one that is left to, and so on: more than the order of
+/// the views changes within some pixels.
+const LONGEST_CHAIN: usize = 4;
+
+/// How many pixels of a view are left to the other view's, which is left to this view's, and so on, without one
+/// of them that makes a point.
+fn left_to_nobody(pair: &[FusionView; 2], made: &[Grid<bool>; 2], view: usize) -> usize {
+    let places = [0, 1].map(|view| lift_map(&pair[view].map).collect::<Vec<_>>());
+    // The pixels of the other view that show what pixels of this one show, single precision aside.
+    let across = |view: usize, pixels: &[(usize, usize)]| -> Vec<(usize, usize)> {
+        let places = pixels.iter().filter_map(|&(x, y)| places[view][y * SIZE.width + x]);
+        places.flat_map(|place| pixels_of(&pair[1 - view], &place, 1e-3)).collect()
+    };
+    let is_lost = |&pixel: &(usize, usize)| {
+        let (mut at, mut pixels) = (view, vec![pixel]);
+        for _ in 0..LONGEST_CHAIN {
+            if pixels.is_empty() || pixels.iter().any(|&pixel| made[at][pixel]) {
+                return false;
+            }
+            pixels = across(at, &pixels);
+            at = 1 - at;
+        }
+        true
+    };
+    let all = (0..SIZE.area()).map(|i| (i % SIZE.width, i / SIZE.width));
+    all.filter(|&(x, y)| places[view][y * SIZE.width + x].is_some()).filter(is_lost).count()
 }

@@ -53,7 +53,8 @@ pub fn fuse(
     alone.iter().for_each(|view| on_event(Event::left_out(view)));
     let skipped = [maps.left_out(), &alone].concat();
     let mut exporter = Exporter::begin(maps, cloud, exports)?;
-    let memory = options.max_memory.left() - options.max_memory.left() / SPARE;
+    let left = options.max_memory.left();
+    let memory = left - left / SPARE;
     let job = FuseJob {
         source: maps,
         neighbours: &neighbours,

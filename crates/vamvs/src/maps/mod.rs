@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use vamvs_core::view_selection;
 use vamvs_core::{Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Scene, Size, Source, SparsePoint};
-use vamvs_fusion::{FusionView, MapSource};
+use vamvs_fusion::{FusionView, MapSource, MaskedMap};
 use vamvs_io::colmap::dense;
 use vamvs_io::masks::{self, Masks};
 use vamvs_io::ply::Coordinates;
@@ -39,12 +39,14 @@ struct MapFiles {
     depth: PathBuf,
     confidence: Option<PathBuf>,
     coarse_confidence: Option<PathBuf>,
+    normals: Option<PathBuf>,
 }
 
 impl Maps {
     /// The depth maps that `path` is the folder of, in any of three layouts:
     ///
-    /// - as `vamvs depth` writes them, `depths/`, `cams/`, `images/`, `confidence/`;
+    /// - as `vamvs depth` writes them, `depths/`, `cams/`, `images/`, `confidence/`, and perhaps `normals/`, unit
+    ///   normals in the world's frame;
     /// - a dense workspace of COLMAP, `stereo/depth_maps/`, `sparse/`, `images/`: the geometric maps, or the
     ///   photometric ones where there are no others;
     /// - as networks like MVSNet write them, `depth_est/`, `cams/`, `images/`, and perhaps `confidence/`.
@@ -233,11 +235,17 @@ impl MapSource for Maps {
     }
 
     fn load(&self, view: usize) -> Result<FusionView, VamvsError> {
-        let map = self.depth_map(view)?;
-        let size = map.depth.size();
-        let colour = image::load_rgb(&self.files[view].image)?;
+        let MaskedMap { map, mask } = self.load_map(view)?;
+        let (files, size) = (&self.files[view], map.depth.size());
+        let colour = image::load_rgb(&files.image)?;
         let colour = if colour.size() == size { colour } else { image::resize(&colour, size) };
-        Ok(FusionView { colour, mask: self.mask(view, size)?, map })
+        let normals = files.normals.as_deref().map(pfm::read_rgb).transpose()?;
+        Ok(FusionView { map, mask, colour, normals })
+    }
+
+    fn load_map(&self, view: usize) -> Result<MaskedMap, VamvsError> {
+        let map = self.depth_map(view)?;
+        Ok(MaskedMap { mask: self.mask(view, map.depth.size())?, map })
     }
 }
 
