@@ -51,9 +51,8 @@ fn normals_in_world(view: &FilteredView, given: Option<&Grid<[f32; 3]>>) -> (Gri
                 bits::set(inner, x);
             }
             let given = given.map(|given| given[(x, y)]).filter(|given| given != &[0.0; 3]);
-            let fitted = || {
-                PackedNormal::new((world_from_cam * normal_in_cam(view, (x, y), fit.slopes)).into())
-            };
+            let fitted =
+                || PackedNormal::new((world_from_cam * normal_in_cam(view, (x, y), fit.slopes)).into());
             *normal = given.map_or_else(fitted, PackedNormal::new);
         }
     });

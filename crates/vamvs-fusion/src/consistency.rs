@@ -7,9 +7,9 @@
 //! Views that see through the point to a surface clearly behind it vote against it. All of it is shares and angles, so
 //! it does not depend on the scene's scale.
 
-use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits};
 use crate::pair::Pair;
 use crate::photometric::FilteredView;
+use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits};
 use crate::{Consistency, FuseOptions};
 
 /// The triangulation angle from which on a vote counts in full, radians (2°).
@@ -182,8 +182,14 @@ mod tests {
         assert!(is_confirmed(&[OWN, confirms], &options));
         assert!(!is_confirmed(&[OWN, confirms, through], &options));
         assert!(is_confirmed(&[OWN, confirms, Wall { confidence: 0.2, ..through }], &options), "unsure");
-        assert!(is_confirmed(&[OWN, confirms, Wall { error: 0.02, ..through }], &options), "not clearly behind");
-        assert!(is_confirmed(&[OWN, confirms, Wall { error: -0.2, ..through }], &options), "before: it hides it");
+        assert!(
+            is_confirmed(&[OWN, confirms, Wall { error: 0.02, ..through }], &options),
+            "not clearly behind"
+        );
+        assert!(
+            is_confirmed(&[OWN, confirms, Wall { error: -0.2, ..through }], &options),
+            "before: it hides it"
+        );
         assert!(is_confirmed(&[OWN, confirms, through], &FuseOptions { contradiction: 0.0, ..options }));
     }
 

@@ -198,7 +198,12 @@ impl<S: MapSource + ?Sized> Merging<'_, S> {
     }
 
     /// Makes the points of a view, the first of `views`, while those made before go to the sink.
-    fn merge(&self, view: usize, views: &[Arc<SeenView>], outlet: &mut Outlet<'_, '_>) -> Result<(), FuseError> {
+    fn merge(
+        &self,
+        view: usize,
+        views: &[Arc<SeenView>],
+        outlet: &mut Outlet<'_, '_>,
+    ) -> Result<(), FuseError> {
         let merger = self.merger(view, views);
         let last = merger.batches().last();
         for rows in merger.batches() {

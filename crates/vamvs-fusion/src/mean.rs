@@ -90,7 +90,7 @@ impl<'a> Mean<'a> {
         let colour: Rgb = self.colour.map(|sum| (sum / self.colour_weight).round() as u8);
         CloudPoint {
             x_in_world: world_from_cam.transform(&(self.ray * depth).cast()).into(),
-            normal: self.normal.normalize().into(),
+            normal: self.normal.cast::<f64>().normalize().cast::<f32>().into(),
             colour,
             confidence: self.confidence / views as f32,
             views: views.min(255) as u8,

@@ -123,7 +123,9 @@ impl FuseOptions {
         check(against >= 0.0 && against.is_finite(), "contradiction", "0 or more", against.into())?;
         check(share(fine), "min-confidence", "from 0 to 1", fine.into())?;
         check(share(coarse), "min-coarse-confidence", "from 0 to 1", coarse.into())?;
-        let Some(PointSpacing::Units(spacing) | PointSpacing::Pixels(spacing)) = self.point_spacing else { return Ok(()) };
+        let Some(PointSpacing::Units(spacing) | PointSpacing::Pixels(spacing)) = self.point_spacing else {
+            return Ok(());
+        };
         check(spacing > 0.0 && spacing.is_finite(), "point-spacing", "a positive distance", spacing)
     }
 }

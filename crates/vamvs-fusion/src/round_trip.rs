@@ -186,7 +186,13 @@ fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes; 4], answers: &mut Answ
         let (upper, lower) = (a + s * (b - a), c + s * (d - c));
         let smooth = (lowest > 0.0) & (highest - lowest <= max_spread * lowest);
         let (is_right, is_lower) = (s >= 0.5, t >= 0.5);
-        let nearest = if is_lower { if is_right { d } else { c } } else if is_right { b } else { a };
+        let nearest = if is_lower {
+            if is_right { d } else { c }
+        } else if is_right {
+            b
+        } else {
+            a
+        };
         answers.inverse_depth[lane] = if smooth { upper + t * (lower - upper) } else { nearest };
         answers.pixel[lane] = seen.place[lane] + u32::from(is_right) + if is_lower { width } else { 0 };
         let point = seen.inverse_depth[lane];
@@ -200,7 +206,12 @@ fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes; 4], answers: &mut Answ
 }
 
 #[inline(always)]
-fn come_back(pair: &Pair<'_>, strip: &Strip, (at, inside): (&[Lanes; 2], &Lanes<bool>), answers: &mut Answers) {
+fn come_back(
+    pair: &Pair<'_>,
+    strip: &Strip,
+    (at, inside): (&[Lanes; 2], &Lanes<bool>),
+    answers: &mut Answers,
+) {
     let (m, o) = (&pair.to_reference.linear, &pair.to_reference.offset);
     for lane in 0..LANES {
         let (u, v, w) = (at[0][lane], at[1][lane], answers.inverse_depth[lane]);

@@ -111,7 +111,8 @@ mod tests {
     #[test]
     fn what_passes_is_far_apart_and_leaves_no_hole() {
         let random = |i: usize, step: f64| (i as f64 * step).fract();
-        let place = |i: usize| [random(i, 0.819_172_5) - 0.5, random(i, 0.671_043_6) - 0.5, random(i, 0.549_700_5)];
+        let place =
+            |i: usize| [random(i, 0.819_172_5) - 0.5, random(i, 0.671_043_6) - 0.5, random(i, 0.549_700_5)];
         let (first, second) = (points((0..1500).map(place)), points((1500..3000).map(place)));
         let mut thinner = Thinner::new(PointSpacing::Pixels(2.0), 0.05);
         let mut passed = thinner.thinned(&first);
@@ -128,7 +129,8 @@ mod tests {
 
     #[test]
     fn points_keep_their_views() {
-        let thinned = Thinner::new(PointSpacing::Units(0.1), 1.0).thinned(&points([[0.0; 3], [0.05; 3], [1.0; 3]]));
+        let thinned =
+            Thinner::new(PointSpacing::Units(0.1), 1.0).thinned(&points([[0.0; 3], [0.05; 3], [1.0; 3]]));
         let views: Vec<_> = thinned.iter().map(|(_, views)| views).collect();
         assert_eq!(views, [[3, 7], [3, 7]]);
     }

@@ -108,8 +108,8 @@ fn outliers_of_one_map_vanish() {
     let (cloud, report) = fuse(&views, &FuseOptions::default(), None);
     let errors = positions(&cloud).into_iter().map(|x| surface.distance(&x).abs() / DISTANCE);
     let (off, worst) = errors.fold((0, 0.0), |(off, worst), e| (off + usize::from(e > 1e-4), e.max(worst)));
-    // A wrong depth may come within 1 % of another place of the surface and count there, among three.
-    assert!(worst < 0.01 / 3.0, "{worst}");
+    // A wrong depth may come within 1 % of another place of the surface and count there, among two.
+    assert!(worst < 0.01 / 2.0, "{worst}");
     assert!((off as f64) < 0.01 * cloud.len() as f64, "{off} of {}", cloud.len());
     assert!(cloud.len() as f64 > 0.9 * clean as f64, "the other views still make {} of {clean}", cloud.len());
     assert!(report.views[1].inconsistent > FINE.area() as u64 / 4);

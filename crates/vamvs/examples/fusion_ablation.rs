@@ -13,8 +13,8 @@ use vamvs::core::depth_map::is_valid;
 use vamvs::core::lift::lift_map;
 use vamvs::fusion::{FuseJob, FuseOptions, FusionView, MapSource, fuse_to_cloud};
 use vamvs::io::masks::Masks;
-use vamvs::{FusionOptions, Maps};
 use vamvs::measures::CloudDistances;
+use vamvs::{FusionOptions, Maps};
 
 /// Distances that are near, as shares of the median depth.
 const NEAR: [f64; 2] = [0.003, 0.01];
@@ -54,7 +54,12 @@ fn main() -> Result<()> {
         let scores: Vec<Scores> = scenes.iter().map(|scene| scene.scores(&options)).collect::<Result<_>>()?;
         let Scores { near: [fine, coarse], floaters, points } = mean(&scores);
         let shares = |near: [f64; 3]| near.map(|share| format!("{:6.2}", 100.0 * share)).concat();
-        println!("{name:44} {:>19} {:>19}  {:7.3} {points:10.0}", shares(fine), shares(coarse), 100.0 * floaters);
+        println!(
+            "{name:44} {:>19} {:>19}  {:7.3} {points:10.0}",
+            shares(fine),
+            shares(coarse),
+            100.0 * floaters
+        );
     }
     Ok(())
 }
@@ -98,8 +103,7 @@ impl Scene {
             roi: None,
             memory: usize::MAX / 2,
         };
-        let cloud: Vec<[f64; 3]> =
-            fuse_to_cloud(&job)?.0.into_iter().map(|point| point.x_in_world).collect();
+        let cloud: Vec<[f64; 3]> = fuse_to_cloud(&job)?.0.into_iter().map(|point| point.x_in_world).collect();
         let distances = CloudDistances::between(&cloud, &self.truth);
         let agreement = |share| {
             let at = distances.agreement(share * self.median_depth);
