@@ -10,7 +10,7 @@ use vamvs::fusion::FuseOptions;
 use vamvs::{DepthOptions, ExportOptions, FusionOptions, export};
 
 use crate::arguments::{
-    CommonFlags, DepthFormat, DepthLine, ExportFlags, FusionFlags, PixelCentre, Preset, Program,
+    CommonFlags, Consistency, DepthFormat, DepthLine, ExportFlags, FusionFlags, PixelCentre, Preset, Program,
 };
 
 /// All settings of a run.
@@ -114,7 +114,17 @@ impl Settings {
             Some(Preset::Dtu) => *filter = FuseOptions::dtu(),
             None => {}
         }
+        if let Some(rule) = flags.consistency {
+            let rule = match rule {
+                Consistency::Dynamic => FuseOptions::default(),
+                Consistency::Classic => FuseOptions::classic(),
+            };
+            (filter.consistency, filter.min_views) = (rule.consistency, rule.min_views);
+        }
         set(&mut filter.min_views, flags.min_views);
+        set(&mut filter.min_support, flags.min_support);
+        set(&mut filter.contradiction, flags.contradiction);
+        set(&mut filter.point_spacing, flags.point_spacing.map(Some));
         set(&mut filter.max_reprojection, flags.max_reprojection);
         set(&mut filter.max_relative_depth, flags.max_relative_depth);
         set(&mut filter.min_confidence, flags.confidence);

@@ -21,6 +21,16 @@ impl BitGrid {
         self.words[y * self.words_per_row + x / 64] >> (x % 64) & 1 == 1
     }
 
+    /// Whether the bit of a pixel is 1 that has this place in a raster of this width.
+    pub fn at(&self, place: usize, width: usize) -> bool {
+        self.get(place % width, place / width)
+    }
+
+    /// The words of row `y`.
+    pub fn row(&self, y: usize) -> &[u64] {
+        &self.words[y * self.words_per_row..(y + 1) * self.words_per_row]
+    }
+
     /// Bytes held in memory.
     pub fn bytes(&self) -> usize {
         size_of_val(&self.words[..])

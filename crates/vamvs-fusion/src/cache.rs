@@ -1,24 +1,44 @@
-//! Views in memory: loaded as needed, the least recently used given up first.
+//! Views in memory: loaded as needed or ahead of use, the least recently used given up first.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use crate::FuseError;
+use crate::appearance::SeenView;
 use crate::photometric::FilteredView;
-use crate::{FuseError, FuseOptions, MapSource};
 
 /// Bytes that loading a view takes for a while, as multiples of what the view takes afterwards: files, and
 /// rasters that are not kept.
 const LOADING: usize = 3;
 
-/// Filtered views, at most `capacity` bytes of them, those being loaded included, unless those in use need
-/// more.
-pub(crate) struct ViewCache<'a, S: ?Sized> {
-    source: &'a S,
-    options: &'a FuseOptions,
+/// A view as a pass needs it.
+pub(crate) trait Held: Send + Sync {
+    /// Bytes held in memory.
+    fn bytes(&self) -> usize;
+}
+
+impl Held for FilteredView {
+    fn bytes(&self) -> usize {
+        self.bytes()
+    }
+}
+
+impl Held for SeenView {
+    fn bytes(&self) -> usize {
+        self.bytes()
+    }
+}
+
+/// Loads a view of this number.
+type Load<'a, T> = dyn Fn(usize) -> Result<T, FuseError> + Sync + 'a;
+
+/// Views, at most `capacity` bytes of them, those being loaded included, unless those in use need more.
+pub(crate) struct ViewCache<'a, T> {
+    load: Box<Load<'a, T>>,
     capacity: usize,
-    held: BTreeMap<usize, Held>,
+    held: BTreeMap<usize, Use<T>>,
     clock: u64,
     /// Bytes of the largest view so far: what the next one is expected to take.
     largest: usize,
@@ -28,14 +48,15 @@ pub(crate) struct ViewCache<'a, S: ?Sized> {
     most: usize,
 }
 
-struct Held {
-    view: Arc<FilteredView>,
-    last_use: u64,
+struct Use<T> {
+    view: Arc<T>,
+    last: u64,
 }
 
-impl<'a, S: MapSource + ?Sized> ViewCache<'a, S> {
-    pub fn new(source: &'a S, options: &'a FuseOptions, capacity: usize) -> Self {
-        Self { source, options, capacity, held: BTreeMap::new(), clock: 0, largest: 0, set_aside: 0, most: 0 }
+impl<'a, T: Held> ViewCache<'a, T> {
+    pub fn new(capacity: usize, load: impl Fn(usize) -> Result<T, FuseError> + Sync + 'a) -> Self {
+        let load = Box::new(load);
+        Self { load, capacity, held: BTreeMap::new(), clock: 0, largest: 0, set_aside: 0, most: 0 }
     }
 
     /// Leaves so many bytes less to views.
@@ -48,22 +69,70 @@ impl<'a, S: MapSource + ?Sized> ViewCache<'a, S> {
         self.most
     }
 
-    /// The views, in the order asked for; those that are not held are loaded in parallel.
-    pub fn get(&mut self, views: &[usize]) -> Result<Vec<Arc<FilteredView>>, FuseError> {
+    /// Does some work with the views `now`, in the order asked for. Meanwhile those of `next` that are not held are
+    /// loaded by other threads, as far as there is room.
+    pub fn with<R>(
+        &mut self,
+        now: &[usize],
+        next: &[usize],
+        work: impl FnOnce(&[Arc<T>]) -> R,
+    ) -> Result<R, FuseError> {
+        let views = self.get(now)?;
+        let ahead = self.room_for(next);
+        let mut loaded = Ok(Vec::new());
+        let (load, all, result) = (&self.load, &ahead, &mut loaded);
+        let result = rayon::in_place_scope(|scope| {
+            if !all.is_empty() {
+                scope.spawn(move |_| *result = load_all(load, all));
+            }
+            work(&views)
+        });
+        self.hold(&ahead, loaded?);
+        Ok(result)
+    }
+
+    /// The views; those that are not held are loaded in parallel.
+    fn get(&mut self, views: &[usize]) -> Result<Vec<Arc<T>>, FuseError> {
         self.clock += 1;
-        for view in views {
-            self.held.entry(*view).and_modify(|held| held.last_use = self.clock);
-        }
-        let missing: Vec<usize> = views.iter().copied().filter(|v| !self.held.contains_key(v)).collect();
+        self.touch(views);
+        let missing = self.missing(views);
         self.make_room(missing.len() * self.largest + self.loading(missing.len()));
-        for (view, loaded) in missing.iter().zip(self.load(&missing)?) {
-            self.largest = self.largest.max(loaded.bytes());
-            self.held.insert(*view, Held { view: loaded, last_use: self.clock });
-        }
-        self.most = self.most.max(self.bytes() + self.loading(missing.len()));
+        let loaded = load_all(&self.load, &missing)?;
+        self.hold(&missing, loaded);
         let found = views.iter().map(|view| Arc::clone(&self.held[view].view)).collect();
         self.make_room(0);
         Ok(found)
+    }
+
+    /// Those of the views not held for which there is room beside all that is in use, the first ones first.
+    fn room_for(&mut self, views: &[usize]) -> Vec<usize> {
+        self.touch(views);
+        let mut missing = self.missing(views);
+        let needed = |cache: &Self, count: usize| count * cache.largest + cache.loading(count);
+        self.make_room(needed(self, missing.len()));
+        while !missing.is_empty() && self.bytes() + needed(self, missing.len()) > self.capacity {
+            missing.pop();
+        }
+        missing
+    }
+
+    fn touch(&mut self, views: &[usize]) {
+        for view in views {
+            self.held.entry(*view).and_modify(|held| held.last = self.clock);
+        }
+    }
+
+    fn missing(&self, views: &[usize]) -> Vec<usize> {
+        views.iter().copied().filter(|view| !self.held.contains_key(view)).collect()
+    }
+
+    /// Keeps views that were just loaded.
+    fn hold(&mut self, views: &[usize], loaded: Vec<T>) {
+        for (&view, loaded) in views.iter().zip(loaded) {
+            self.largest = self.largest.max(loaded.bytes());
+            self.held.insert(view, Use { view: Arc::new(loaded), last: self.clock });
+        }
+        self.most = self.most.max(self.bytes() + self.loading(views.len()));
     }
 
     /// Bytes held, with those set aside.
@@ -76,21 +145,12 @@ impl<'a, S: MapSource + ?Sized> ViewCache<'a, S> {
         views.min(rayon::current_num_threads()) * LOADING * self.largest
     }
 
-    fn load(&self, views: &[usize]) -> Result<Vec<Arc<FilteredView>>, FuseError> {
-        let load = |&view: &usize| {
-            let loaded = self.source.load(view).map_err(|e| FuseError::Load { view, source: e.into() })?;
-            FilteredView::new(view, loaded, self.options).map(Arc::new)
-        };
-        let loaded: Vec<_> = views.par_iter().map(load).collect();
-        loaded.into_iter().collect()
-    }
-
     /// Gives up views until `needed` bytes are free, but none that was asked for just now.
     fn make_room(&mut self, needed: usize) {
         let mut bytes = self.bytes();
         while bytes + needed > self.capacity {
-            let idle = self.held.iter().filter(|(_, held)| held.last_use < self.clock);
-            let Some(oldest) = idle.min_by_key(|(_, held)| held.last_use).map(|(&view, _)| view) else {
+            let idle = self.held.iter().filter(|(_, held)| held.last < self.clock);
+            let Some(oldest) = idle.min_by_key(|(_, held)| held.last).map(|(&view, _)| view) else {
                 return;
             };
             bytes -= self.held.remove(&oldest).map_or(0, |held| held.view.bytes());
@@ -98,82 +158,95 @@ impl<'a, S: MapSource + ?Sized> ViewCache<'a, S> {
     }
 }
 
+/// Loads views in parallel; the error, if there is one, is that of the first of them.
+fn load_all<T: Send>(load: &Load<'_, T>, views: &[usize]) -> Result<Vec<T>, FuseError> {
+    let loaded: Vec<_> = views.par_iter().map(|&view| load(view)).collect();
+    loaded.into_iter().collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::FusionView;
     use std::sync::atomic::{AtomicUsize, Ordering};
-    use vamvs_core::{DepthMap, Grid, Intrinsics, Pinhole, Pose, Size};
 
-    const SIZE: Size = Size::new(4, 4);
-    const VIEW_BYTES: usize = 16 * 11;
+    const VIEW_BYTES: usize = 100;
 
-    #[derive(Default)]
-    struct Counting(AtomicUsize);
+    struct Number(usize);
 
-    impl MapSource for Counting {
-        type Error = String;
-
-        fn len(&self) -> usize {
-            9
+    impl Held for Number {
+        fn bytes(&self) -> usize {
+            VIEW_BYTES
         }
+    }
 
-        fn load(&self, view: usize) -> Result<FusionView, String> {
-            self.0.fetch_add(1, Ordering::Relaxed);
-            if view == 8 {
-                return Err("no such file".into());
-            }
-            let intrinsics = Intrinsics { fx: 4.0, fy: 4.0, cx: 2.0, cy: 2.0 };
-            let map = DepthMap {
-                camera: Pinhole { size: SIZE, intrinsics },
-                cam_from_world: Pose::identity(),
-                depth: Grid::filled(SIZE, 1.0 + view as f32),
-                confidence: Grid::filled(SIZE, 1.0),
-                coarse_confidence: None,
-            };
-            Ok(FusionView { map, colour: Grid::filled(SIZE, [0; 3]), mask: None })
-        }
+    /// A cache with room for so many bytes whose loads are counted and of which view 8 is missing.
+    fn counting(capacity: usize, loads: &AtomicUsize) -> ViewCache<'_, Number> {
+        ViewCache::new(capacity, |view| {
+            loads.fetch_add(1, Ordering::Relaxed);
+            let missing = FuseError::Load { view, source: "no such file".into() };
+            if view == 8 { Err(missing) } else { Ok(Number(view)) }
+        })
+    }
+
+    fn on_one_thread(work: impl FnOnce() + Send) {
+        rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(work);
+    }
+
+    fn get(cache: &mut ViewCache<'_, Number>, now: &[usize], next: &[usize]) -> Result<(), FuseError> {
+        cache.with(now, next, |views| {
+            assert!(views.iter().map(|view| view.0).eq(now.iter().copied()));
+        })
     }
 
     #[test]
     fn recently_used_views_stay_and_the_oldest_go() {
-        let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        one_thread.install(use_some_views);
+        on_one_thread(|| {
+            // With room for three views while one is loaded.
+            let loads = AtomicUsize::new(0);
+            let mut cache = counting((3 + LOADING) * VIEW_BYTES, &loads);
+            let mut loads_for = |views: &[usize]| {
+                let before = loads.load(Ordering::Relaxed);
+                get(&mut cache, views, &[]).unwrap();
+                assert!(cache.held.len() <= 3);
+                loads.load(Ordering::Relaxed) - before
+            };
+            assert_eq!(loads_for(&[0, 1]), 2);
+            assert_eq!(loads_for(&[1, 2]), 1);
+            assert_eq!(loads_for(&[0, 1, 2]), 0);
+            assert_eq!(loads_for(&[0]), 0);
+            assert_eq!(loads_for(&[3]), 1, "view 1 or 2 goes");
+            assert_eq!(loads_for(&[0]), 0, "view 0 was used since");
+            assert_eq!(cache.most_bytes(), (3 + LOADING) * VIEW_BYTES);
+            cache.set_aside(VIEW_BYTES);
+            get(&mut cache, &[4], &[]).unwrap();
+            assert_eq!(cache.held.len(), 2, "there is less room now");
+        });
     }
 
-    /// With room for three views while one is loaded.
-    fn use_some_views() {
-        let (source, options) = (Counting::default(), FuseOptions::default());
-        let mut cache = ViewCache::new(&source, &options, (3 + LOADING) * VIEW_BYTES);
-        let mut loads_for = |views: &[usize]| {
-            let before = source.0.load(Ordering::Relaxed);
-            let found = cache.get(views).unwrap();
-            for (view, found) in views.iter().zip(found) {
-                assert!((found.inverse_depth[(0, 0)] - 1.0 / (1.0 + *view as f32)).abs() < 1e-6);
-            }
-            assert!(cache.held.len() <= 3);
-            source.0.load(Ordering::Relaxed) - before
-        };
-        assert_eq!(loads_for(&[0, 1]), 2);
-        assert_eq!(loads_for(&[1, 2]), 1);
-        assert_eq!(loads_for(&[0, 1, 2]), 0);
-        assert_eq!(loads_for(&[0]), 0);
-        assert_eq!(loads_for(&[3]), 1, "view 1 or 2 goes");
-        assert_eq!(loads_for(&[0]), 0, "view 0 was used since");
-        assert_eq!(cache.most_bytes(), (3 + LOADING) * VIEW_BYTES);
-        cache.set_aside(VIEW_BYTES);
-        assert_eq!(cache.get(&[4]).unwrap().len(), 1);
-        assert_eq!(cache.held.len(), 2, "there is less room now");
+    #[test]
+    fn views_are_loaded_ahead_as_far_as_there_is_room() {
+        on_one_thread(|| {
+            let loads = AtomicUsize::new(0);
+            let mut cache = counting((4 + LOADING) * VIEW_BYTES, &loads);
+            get(&mut cache, &[0, 1], &[1, 2, 3, 4]).unwrap();
+            assert_eq!(cache.held.keys().copied().collect::<Vec<_>>(), [0, 1, 2, 3]);
+            get(&mut cache, &[1, 2, 3], &[5]).unwrap();
+            assert_eq!(cache.held.keys().copied().collect::<Vec<_>>(), [1, 2, 3, 5]);
+            assert_eq!(loads.load(Ordering::Relaxed), 5);
+            assert_eq!(cache.most_bytes(), (4 + LOADING) * VIEW_BYTES);
+        });
     }
 
     #[test]
     fn views_in_use_may_exceed_the_capacity_and_errors_name_the_view() {
-        let (source, options) = (Counting::default(), FuseOptions::default());
-        let mut cache = ViewCache::new(&source, &options, 0);
-        assert_eq!(cache.get(&[4, 2, 7]).unwrap().len(), 3);
-        assert_eq!(cache.get(&[1]).unwrap().len(), 1);
-        assert_eq!(cache.held.len(), 1);
-        let error = cache.get(&[1, 8]).unwrap_err();
+        let loads = AtomicUsize::new(0);
+        let mut cache = counting(0, &loads);
+        get(&mut cache, &[4, 2, 7], &[]).unwrap();
+        get(&mut cache, &[1], &[3]).unwrap();
+        assert_eq!(cache.held.len(), 1, "nothing is loaded ahead");
+        let error = get(&mut cache, &[1, 8], &[]).unwrap_err();
         assert!(matches!(error, FuseError::Load { view: 8, .. }));
+        let mut ample = counting(100 * VIEW_BYTES, &loads);
+        assert!(matches!(get(&mut ample, &[0], &[8]).unwrap_err(), FuseError::Load { view: 8, .. }));
     }
 }

@@ -4,13 +4,17 @@ use std::sync::Arc;
 
 use vamvs_core::{Cloud, Roi};
 
+use crate::appearance::SeenView;
 use crate::cache::ViewCache;
-use crate::geometric::{Kept, Pair, keep};
+use crate::geometric::{Kept, keep};
 use crate::merge::{Merger, Other};
 use crate::order::by_neighbourhood;
+use crate::outlet::{Batch, Outlet};
+use crate::pair::Pair;
 use crate::photometric::FilteredView;
 use crate::priority::Ranking;
-use crate::{BoxError, FuseError, FuseOptions, FuseReport, FusedPoints, MapSource, ViewReport};
+use crate::spacing::Thinner;
+use crate::{BoxError, FuseError, FuseOptions, FuseReport, FusedPoints, MapSource};
 
 /// What is fused and how.
 #[derive(Debug)]
@@ -23,14 +27,14 @@ pub struct FuseJob<'a, S: ?Sized> {
     pub options: &'a FuseOptions,
     /// Where points are wanted; `None` for everywhere.
     pub roi: Option<Roi>,
-    /// Memory to work in, bytes: for depth maps at 11 a pixel, for what it takes to load them, and for one
+    /// Memory to work in, bytes: for depth maps at 8 and then 15 a pixel, for what it takes to load them, and for one
     /// bit of each pixel of all views. A view and its neighbours are held together even if that takes more;
     /// [`FuseReport::memory`] tells.
     pub memory: usize,
 }
 
 /// Where points go.
-type Sink<'a> = dyn FnMut(&FusedPoints) -> Result<(), BoxError> + 'a;
+pub(crate) type Sink<'a> = dyn FnMut(&FusedPoints) -> Result<(), BoxError> + 'a;
 
 /// How far a fusion is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,16 +70,15 @@ pub fn fuse<S: MapSource + ?Sized>(
     let neighbours = checked_neighbours(job.neighbours, job.source.len())?;
     let mutual = mutual(&neighbours);
     let order = by_neighbourhood(&mutual);
-    let mut cache = ViewCache::new(job.source, job.options, job.memory);
-    let kept = filter_views(job, (&neighbours, &order), &mut cache, on_event)?;
-    let mut merging = Merging { job, kept: &kept, unit: typical_footprint(&kept), cache: &mut cache };
-    let mut views: Vec<_> = kept.iter().map(|kept| kept.report).collect();
-    for &view in order.iter().rev() {
-        let points = merging.merge(view, &mutual[view], sink)?;
-        on_event(FuseEvent::Merged { view, points });
-        views[view] = finished_report(&kept[view], points);
-    }
-    Ok(FuseReport { views, memory: cache.most_bytes() as u64 })
+    let (kept, filtering) = filter_views(job, (&neighbours, &order), on_event)?;
+    let unit = typical_footprint(&kept);
+    let thinner = job.options.point_spacing.map(|spacing| Thinner::new(spacing, unit));
+    let reports = kept.iter().map(|kept| (kept.report, kept.count));
+    let mut outlet = Outlet::new(sink, on_event, thinner, reports);
+    let merging = Merging { job, kept: &kept, unit, neighbours: &mutual };
+    let merging = merging.merge_all(&order, &mut outlet)?;
+    let views = outlet.finish()?;
+    Ok(FuseReport { views, memory: filtering.max(merging) as u64 })
 }
 
 /// Fuses depth maps into a cloud in memory.
@@ -122,72 +125,115 @@ fn ascending(mut views: Vec<usize>) -> Vec<usize> {
     views
 }
 
-/// The first pass, over the views in the order given.
+/// The first pass, over the views in the order given; also the most bytes that it took.
 fn filter_views<S: MapSource + ?Sized>(
     job: &FuseJob<'_, S>,
     (neighbours, order): (&[Vec<usize>], &[usize]),
-    cache: &mut ViewCache<'_, S>,
     on_event: &mut dyn FnMut(FuseEvent),
-) -> Result<Vec<Kept>, FuseError> {
+) -> Result<(Vec<Kept>, usize), FuseError> {
+    let mut cache = ViewCache::new(job.memory, |view| job.filtered(view));
     let mut all: Vec<Kept> = neighbours.iter().map(|_| Kept::default()).collect();
-    for &view in order {
-        let (reference, pairs) = load_pairs(cache, view, &neighbours[view], job.options)?;
-        let kept = keep(&reference, &pairs, job.options.min_views, job.roi.as_ref());
+    let wanted = |&view: &usize| with_neighbours(view, &neighbours[view]);
+    for (step, &view) in order.iter().enumerate() {
+        let next = order.get(step + 1).map(wanted).unwrap_or_default();
+        let kept = cache.with(&wanted(&view), &next, |views| {
+            let (reference, sources) = (&views[0], &views[1..]);
+            let numbered = neighbours[view].iter().zip(sources);
+            let pairs = numbered.map(|(&number, source)| Pair::new(reference, number, source, job.options));
+            keep(reference, &pairs.collect::<Vec<_>>(), job.options, job.roi.as_ref())
+        })?;
         on_event(FuseEvent::Filtered { view, kept: kept.count });
         cache.set_aside(kept.bits.bytes());
         all[view] = kept;
     }
-    Ok(all)
+    Ok((all, cache.most_bytes()))
 }
 
-fn load_pairs<S: MapSource + ?Sized>(
-    cache: &mut ViewCache<'_, S>,
-    view: usize,
-    sources: &[usize],
-    options: &FuseOptions,
-) -> Result<(Arc<FilteredView>, Vec<Pair>), FuseError> {
-    let wanted: Vec<usize> = std::iter::once(view).chain(sources.iter().copied()).collect();
-    let mut loaded = cache.get(&wanted)?;
-    let reference = loaded.remove(0);
-    let pair = |(&number, source)| Pair::new(&reference, number, source, options);
-    let pairs = sources.iter().zip(loaded).map(pair).collect();
-    Ok((reference, pairs))
+fn with_neighbours(view: usize, neighbours: &[usize]) -> Vec<usize> {
+    std::iter::once(view).chain(neighbours.iter().copied()).collect()
+}
+
+impl<S: MapSource + ?Sized> FuseJob<'_, S> {
+    /// A view as the first pass needs it.
+    fn filtered(&self, view: usize) -> Result<FilteredView, FuseError> {
+        let failed = |error: S::Error| FuseError::Load { view, source: error.into() };
+        FilteredView::new(view, self.source.load_map(view).map_err(failed)?, self.options)
+    }
+
+    /// A view as the second pass needs it.
+    fn seen(&self, view: usize) -> Result<SeenView, FuseError> {
+        let failed = |error: S::Error| FuseError::Load { view, source: error.into() };
+        SeenView::new(view, self.source.load(view).map_err(failed)?, self.options)
+    }
 }
 
 /// The second pass.
-struct Merging<'a, 'c, S: ?Sized> {
+struct Merging<'a, S: ?Sized> {
     job: &'a FuseJob<'a, S>,
     kept: &'a [Kept],
+    /// The typical size of a pixel on the surface, scene units.
     unit: f64,
-    cache: &'a mut ViewCache<'c, S>,
+    /// For each view, those that may see the same places.
+    neighbours: &'a [Vec<usize>],
 }
 
-impl<S: MapSource + ?Sized> Merging<'_, '_, S> {
-    /// Gives the points that a view makes to `sink`, and tells their number.
-    fn merge(&mut self, view: usize, others: &[usize], sink: &mut Sink<'_>) -> Result<u64, FuseError> {
-        if self.kept[view].count == 0 {
-            return Ok(0);
+impl<S: MapSource + ?Sized> Merging<'_, S> {
+    /// Merges all views, the last of `order` first; gives the most bytes that it took.
+    fn merge_all(&self, order: &[usize], outlet: &mut Outlet<'_, '_>) -> Result<usize, FuseError> {
+        let mut cache = ViewCache::new(self.job.memory, |view| self.job.seen(view));
+        cache.set_aside(self.kept.iter().map(|kept| kept.bits.bytes()).sum());
+        let wanted = |&view: &usize| with_neighbours(view, &self.neighbours[view]);
+        let makes_points = |view: &&usize| self.kept[**view].count > 0;
+        let mut ahead = order.iter().rev().filter(makes_points).skip(1);
+        for &view in order.iter().rev() {
+            if self.kept[view].count > 0 {
+                let next = ahead.next().map(wanted).unwrap_or_default();
+                cache.with(&wanted(&view), &next, |views| self.merge(view, views, outlet))??;
+            } else {
+                outlet.flush()?;
+                outlet.take(Batch { view, points: FusedPoints::default(), is_last: true });
+            }
         }
-        let (reference, pairs) = load_pairs(self.cache, view, others, self.job.options)?;
-        let other = |pair: Pair| Other {
-            ranking: Ranking::new(pair.source_view, &pair.source, self.unit),
-            kept: &self.kept[pair.source_view].bits,
-            pair,
-        };
-        let merger = Merger {
-            view,
-            reference: &reference,
-            ranking: Ranking::new(view, &reference, self.unit),
-            kept: &self.kept[view].bits,
-            others: pairs.into_iter().map(other).collect(),
-        };
-        let mut count = 0;
+        Ok(cache.most_bytes())
+    }
+
+    /// Makes the points of a view, the first of `views`, while those made before go to the sink.
+    fn merge(
+        &self,
+        view: usize,
+        views: &[Arc<SeenView>],
+        outlet: &mut Outlet<'_, '_>,
+    ) -> Result<(), FuseError> {
+        let merger = self.merger(view, views);
+        let last = merger.batches().last();
         for rows in merger.batches() {
-            let fused = merger.points(rows);
-            count += fused.points().len() as u64;
-            sink(&fused).map_err(FuseError::Sink)?;
+            let (is_last, mut points) = (Some(&rows) == last.as_ref(), FusedPoints::default());
+            rayon::in_place_scope(|scope| {
+                scope.spawn(|_| points = merger.points(rows));
+                outlet.flush()
+            })?;
+            outlet.take(Batch { view, points, is_last });
         }
-        Ok(count)
+        Ok(())
+    }
+
+    fn merger<'b>(&'b self, view: usize, views: &'b [Arc<SeenView>]) -> Merger<'b> {
+        let ranking = |view: usize, seen: &SeenView| Ranking::new(view, &seen.filtered, self.unit);
+        let reference = &views[0];
+        let other = |(&number, seen): (&usize, &'b Arc<SeenView>)| Other {
+            ranking: ranking(number, seen),
+            kept: &self.kept[number].bits,
+            pair: Pair::new(&reference.filtered, number, &seen.filtered, self.job.options),
+            seen,
+        };
+        Merger {
+            view,
+            reference,
+            ranking: ranking(view, reference),
+            kept: &self.kept[view].bits,
+            max_relative_depth: self.job.options.max_relative_depth,
+            others: self.neighbours[view].iter().zip(&views[1..]).map(other).collect(),
+        }
     }
 }
 
@@ -196,10 +242,6 @@ fn typical_footprint(kept: &[Kept]) -> f64 {
     let count: u64 = kept.iter().map(|view| view.count).sum();
     let sum: f64 = kept.iter().map(|view| view.footprints).sum();
     if count == 0 { 1.0 } else { sum / count as f64 }
-}
-
-fn finished_report(kept: &Kept, points: u64) -> ViewReport {
-    ViewReport { merged: kept.count - points, points, ..kept.report }
 }
 
 #[cfg(test)]

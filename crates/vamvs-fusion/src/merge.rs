@@ -2,16 +2,16 @@
 
 use std::ops::Range;
 
-use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
-use vamvs_core::{CloudPoint, Pose, Rgb, Size};
+use vamvs_core::{Pose, Size};
 
 use crate::FusedPoints;
+use crate::appearance::SeenView;
 use crate::bits::BitGrid;
-use crate::geometric::{Match, Pair};
-use crate::normals::normal_in_cam;
-use crate::photometric::{FilteredView, centre};
+use crate::mean::Mean;
+use crate::pair::Pair;
 use crate::priority::Ranking;
+use crate::round_trip::{Answers, LANES, Strip, ask};
 
 /// Pixels that become points at once, so that the points of a large view take little memory.
 const BATCH: usize = 1 << 18;
@@ -20,30 +20,33 @@ const BATCH: usize = 1 << 18;
 pub(crate) struct Merger<'a> {
     /// The reference view's number.
     pub view: usize,
-    pub reference: &'a FilteredView,
+    pub reference: &'a SeenView,
     pub ranking: Ranking,
     pub kept: &'a BitGrid,
+    /// How much the depths of views that agree may differ, as a share.
+    pub max_relative_depth: f32,
     pub others: Vec<Other<'a>>,
 }
 
 /// A view that may see the same places.
 pub(crate) struct Other<'a> {
-    pub pair: Pair,
+    pub pair: Pair<'a>,
+    pub seen: &'a SeenView,
     pub ranking: Ranking,
     pub kept: &'a BitGrid,
 }
 
 impl Merger<'_> {
     /// The rows of the reference view in parts of some [`BATCH`] pixels.
-    pub fn batches(&self) -> impl Iterator<Item = Range<usize>> {
-        let Size { width, height } = self.reference.size();
+    pub fn batches(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        let Size { width, height } = self.reference.filtered.size();
         let rows = BATCH.div_ceil(width.max(1));
         (0..height).step_by(rows).map(move |first| first..(first + rows).min(height))
     }
 
     /// The points that some rows of the reference view make, in the order of the pixels.
     pub fn points(&self, rows: Range<usize>) -> FusedPoints {
-        let world_from_cam = self.reference.cam_from_world.inverse();
+        let world_from_cam = self.reference.filtered.cam_from_world.inverse();
         let rows: Vec<FusedPoints> = rows.into_par_iter().map(|y| self.row(y, &world_from_cam)).collect();
         let mut points = FusedPoints::default();
         rows.iter().for_each(|row| points.append(row));
@@ -52,101 +55,81 @@ impl Merger<'_> {
 
     fn row(&self, y: usize, world_from_cam: &Pose) -> FusedPoints {
         let mut points = FusedPoints::default();
-        let mut matches = Vec::with_capacity(self.others.len());
-        for x in (0..self.reference.size().width).filter(|&x| self.kept.get(x, y)) {
-            matches.clear();
-            let inverse_depth = self.reference.inverse_depth[(x, y)];
-            if self.comes_first(centre(x, y), inverse_depth, &mut matches) {
-                let views = matches.iter().map(|(pair, _)| pair.source_view);
-                let point = self.mean(x, y, &matches).point(world_from_cam);
-                points.push(point, std::iter::once(self.view).chain(views));
+        let mut answers = vec![Answers::new(); self.others.len()];
+        for pixels in self.first_comers(y, &mut answers).chunks(LANES) {
+            let strip = self.strip(pixels, y);
+            for (other, answers) in self.others.iter().zip(&mut answers) {
+                ask(&other.pair, &strip, answers);
+            }
+            for (lane, &x) in pixels.iter().enumerate() {
+                self.push_point((x, y), (&answers, lane), world_from_cam, &mut points);
             }
         }
         points
     }
 
-    /// Whether no view that agrees on the pixel comes before the reference view and keeps it; if so,
-    /// all views that agree are in `matches`.
-    fn comes_first<'b>(
-        &'b self,
-        pixel: Vector2<f32>,
-        inverse_depth: f32,
-        matches: &mut Vec<(&'b Pair, Match)>,
-    ) -> bool {
-        let own = self.ranking.rank(inverse_depth);
-        for other in &self.others {
-            let Some(found) = other.pair.agreement(pixel, inverse_depth) else { continue };
-            let (x, y) = found.sample.pixel;
-            // Not the interpolated depth: see `Rank`.
-            let theirs = other.pair.source.inverse_depth[(x, y)];
-            if other.kept.get(x, y) && other.ranking.rank(theirs) < own {
-                return false;
+    /// The kept pixels of a row that no view takes that comes before the reference view.
+    fn first_comers(&self, y: usize, answers: &mut [Answers]) -> Vec<usize> {
+        let mut pixels = Vec::new();
+        let row = self.reference.filtered.inverse_depth.row(y);
+        for (number, (&kept, inverse_depth)) in self.kept.row(y).iter().zip(row.chunks(LANES)).enumerate() {
+            let strip = Strip::of_row(y, number * LANES, inverse_depth);
+            let mut open = kept;
+            for (other, answers) in self.others.iter().zip(answers.iter_mut()) {
+                if open == 0 {
+                    break;
+                }
+                ask(&other.pair, &strip, answers);
+                open &= !self.taken(other, &strip, answers, open);
             }
-            matches.push((&other.pair, found));
+            pixels.extend((0..LANES).filter(|lane| open >> lane & 1 == 1).map(|lane| number * LANES + lane));
         }
-        true
+        pixels
     }
 
-    fn mean(&self, x: usize, y: usize, matches: &[(&Pair, Match)]) -> Mean {
-        let mut mean = Mean::default();
-        let ray = self.reference.camera.intrinsics.ray(&centre(x, y).cast()).cast::<f32>();
-        let position = ray / self.reference.inverse_depth[(x, y)];
-        mean.add(self.reference, (x, y), &position, &normal_in_cam(self.reference, x, y));
-        for (pair, found) in matches {
-            let pixel = found.sample.pixel;
-            let rotation = pair.reference_from_source.rotation.cast::<f32>();
-            let normal = rotation * normal_at(&pair.source, pixel);
-            mean.add(&pair.source, pixel, &found.x_in_reference(self.reference), &normal);
+    /// The lanes among those `open` in which another view keeps the place and comes before the reference view.
+    fn taken(&self, other: &Other<'_>, strip: &Strip, answers: &Answers, open: u64) -> u64 {
+        let width = other.seen.filtered.size().width;
+        let mut agreeing = answers.agreeing() & open;
+        let mut taken = 0;
+        while agreeing != 0 {
+            let lane = agreeing.trailing_zeros() as usize;
+            agreeing &= agreeing - 1;
+            let own = self.ranking.rank(strip.inverse_depth[lane]);
+            let pixel = answers.pixel[lane] as usize;
+            // Not the interpolated depth: see `Rank`.
+            let theirs = other.seen.filtered.inverse_depth.data()[pixel];
+            if other.kept.at(pixel, width) && other.ranking.rank(theirs) < own {
+                taken |= 1 << lane;
+            }
         }
-        mean
+        taken
     }
-}
 
-/// The normal at a pixel; 0 if the depth there was filtered out.
-fn normal_at(view: &FilteredView, pixel: (usize, usize)) -> Vector3<f32> {
-    if view.inverse_depth[pixel] > 0.0 { normal_in_cam(view, pixel.0, pixel.1) } else { Vector3::zeros() }
-}
+    /// Some pixels of a row.
+    fn strip(&self, pixels: &[usize], y: usize) -> Strip {
+        let mut strip = Strip::empty(y as f32 + 0.5);
+        for (lane, &x) in pixels.iter().enumerate() {
+            strip.x[lane] = x as f32 + 0.5;
+            strip.inverse_depth[lane] = self.reference.filtered.inverse_depth[(x, y)];
+        }
+        strip
+    }
 
-/// Sums over the views that agree on a point, in the reference camera's frame.
-#[derive(Default)]
-struct Mean {
-    position: Vector3<f32>,
-    normal: Vector3<f32>,
-    colour: [f32; 3],
-    confidence: f32,
-    views: u16,
-}
-
-impl Mean {
-    fn add(
-        &mut self,
-        view: &FilteredView,
+    /// Makes a point of a pixel and of what all views answered in its lane.
+    fn push_point(
+        &self,
         pixel: (usize, usize),
-        position: &Vector3<f32>,
-        normal: &Vector3<f32>,
+        (answers, lane): (&[Answers], usize),
+        world_from_cam: &Pose,
+        points: &mut FusedPoints,
     ) {
-        self.position += position;
-        // The back of a thin sheet must not cancel its front.
-        if self.normal.dot(normal) >= 0.0 {
-            self.normal += normal;
-        }
-        for (sum, channel) in self.colour.iter_mut().zip(view.colour[pixel]) {
-            *sum += f32::from(channel);
-        }
-        self.confidence += view.confidence[pixel];
-        self.views = self.views.saturating_add(1);
-    }
-
-    fn point(&self, world_from_cam: &Pose) -> CloudPoint {
-        let n = f32::from(self.views);
-        let colour: Rgb = self.colour.map(|sum| (sum / n).round() as u8);
-        let normal = world_from_cam.rotation * self.normal.cast::<f64>();
-        CloudPoint {
-            x_in_world: world_from_cam.transform(&(self.position / n).cast()).into(),
-            normal: normal.normalize().cast::<f32>().into(),
-            colour,
-            confidence: self.confidence / n,
-            views: self.views.min(255) as u8,
-        }
+        let mut mean = Mean::new(self.reference, pixel);
+        let agrees = |(_, answers): &(&Other<'_>, &Answers)| answers.error[lane] < 1.0;
+        let agreeing = || self.others.iter().zip(answers).filter(agrees);
+        agreeing().for_each(|(other, answers)| mean.add(&other.pair, other.seen, answers, lane));
+        let views = agreeing().map(|(other, _)| other.pair.source_view);
+        let point = mean.point(world_from_cam, self.max_relative_depth);
+        points.push(point, std::iter::once(self.view).chain(views));
     }
 }

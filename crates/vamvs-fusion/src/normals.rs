@@ -1,86 +1,161 @@
 //! Surface normals of a depth map.
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
+use vamvs_core::Grid;
 
 use crate::photometric::FilteredView;
+use crate::wide::widened;
 
 /// Pixels to each side that a normal is fitted to.
 const RADIUS: usize = 2;
 
-/// The unit normal at a pixel that has a depth, in the camera's frame and towards the camera.
+/// Pixels in a window.
+const WINDOW: f32 = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32;
+
+/// Pixels that are fitted at once.
+const LANES: usize = 8;
+
+/// A plane fitted around a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Fit {
+    /// Slopes of the inverse depth along x and y, per pixel; `None` where too few pixels are on the surface.
+    pub slopes: Option<[f32; 2]>,
+    /// Whether all pixels around are on the pixel's surface.
+    pub inner: bool,
+}
+
+/// The unit normals of all pixels that have a depth, in the camera's frame and towards the camera, with whether all
+/// pixels around are on the same surface; 0 and false where there is no depth.
+pub(crate) fn normals_in_cam(view: &FilteredView) -> Grid<(Vector3<f32>, bool)> {
+    let size = view.size();
+    let mut normals = Grid::filled(size, (Vector3::zeros(), false));
+    let rows = normals.data_mut().par_chunks_mut(size.width.max(1)).enumerate();
+    rows.for_each(|(y, row)| {
+        for (x, (to, fit)) in row.iter_mut().zip(fits_of_row(view, y)).enumerate() {
+            if view.inverse_depth[(x, y)] > 0.0 {
+                *to = (normal_in_cam(view, (x, y), fit.slopes), fit.inner);
+            }
+        }
+    });
+    normals
+}
+
+/// The unit normal at a pixel with these slopes.
 ///
 /// On a plane the inverse depth is linear in the image, w = a·x + b·y + c, and the plane's normal is
 /// Kᵀ (a, b, c). The slopes a and b are fitted by least squares to the 5×5 pixels around, without
 /// those beyond an edge. Where too few are left, the normal is the direction to the camera.
-pub(crate) fn normal_in_cam(view: &FilteredView, x: usize, y: usize) -> Vector3<f32> {
+pub(crate) fn normal_in_cam(
+    view: &FilteredView,
+    (x, y): (usize, usize),
+    slopes: Option<[f32; 2]>,
+) -> Vector3<f32> {
     let k = &view.camera.intrinsics;
     let w = view.inverse_depth[(x, y)];
     let [u, v] = [x as f32 + 0.5 - k.cx as f32, y as f32 + 0.5 - k.cy as f32];
     let (fx, fy) = (k.fx as f32, k.fy as f32);
-    match slopes(view, x, y) {
+    match slopes {
         Some([a, b]) => -Vector3::new(a * fx, b * fy, w - a * u - b * v).normalize(),
         None => -Vector3::new(u / fx, v / fy, 1.0).normalize(),
     }
 }
 
-/// Sums over the pixels of one surface, relative to the middle pixel.
+/// The planes around the pixels of a row.
+pub(crate) fn fits_of_row(view: &FilteredView, y: usize) -> Vec<Fit> {
+    let rows = padded_rows(view, y);
+    let mut fits = vec![Fit::default(); view.size().width];
+    fit_rows(&rows, view.edge_step, &mut fits);
+    fits
+}
+
+/// The rows around row `y`, with so many zeros at their ends and above and below the image that windows never end.
+fn padded_rows(view: &FilteredView, y: usize) -> Vec<Vec<f32>> {
+    let size = view.size();
+    let padded = |j: usize| {
+        let mut row = vec![0.0; size.width + 2 * RADIUS + LANES];
+        if let Some(j) = j.checked_sub(RADIUS).filter(|&j| j < size.height) {
+            row[RADIUS..RADIUS + size.width].copy_from_slice(view.inverse_depth.row(j));
+        }
+        row
+    };
+    (y..=y + 2 * RADIUS).map(padded).collect()
+}
+
+widened! {
+    fn fit_rows(rows: &[Vec<f32>], edge_step: f32, fits: &mut [Fit]) = fit_rows_any;
+}
+
+#[inline(always)]
+fn fit_rows_any(rows: &[Vec<f32>], edge_step: f32, fits: &mut [Fit]) {
+    for (number, fits) in fits.chunks_mut(LANES).enumerate() {
+        let moments = Moments::around(rows, number * LANES, edge_step);
+        fits.iter_mut().enumerate().for_each(|(lane, fit)| *fit = moments.fit(lane));
+    }
+}
+
+/// Sums over the pixels of one surface, relative to the middle pixel, for neighbouring pixels.
 #[derive(Default)]
 struct Moments {
-    n: f32,
-    x: f32,
-    y: f32,
-    xx: f32,
-    xy: f32,
-    yy: f32,
-    w: f32,
-    xw: f32,
-    yw: f32,
+    n: [f32; LANES],
+    x: [f32; LANES],
+    y: [f32; LANES],
+    xx: [f32; LANES],
+    xy: [f32; LANES],
+    yy: [f32; LANES],
+    w: [f32; LANES],
+    xw: [f32; LANES],
+    yw: [f32; LANES],
 }
 
 impl Moments {
-    /// Adds a pixel, or nothing if `counts` is 0: branches here would take most of the time.
-    #[inline]
-    fn add(&mut self, counts: f32, x: f32, y: f32, w: f32) {
-        let (cx, cy) = (counts * x, counts * y);
-        self.n += counts;
-        self.x += cx;
-        self.y += cy;
-        self.xx += cx * x;
-        self.xy += cx * y;
-        self.yy += cy * y;
-        self.w += counts * w;
-        self.xw += cx * w;
-        self.yw += cy * w;
+    #[inline(always)]
+    fn around(rows: &[Vec<f32>], first: usize, edge_step: f32) -> Self {
+        let mut moments = Self::default();
+        let mut middle = [0.0; LANES];
+        middle.copy_from_slice(&rows[RADIUS][first + RADIUS..first + RADIUS + LANES]);
+        for (j, row) in rows.iter().enumerate() {
+            let row = &row[first..first + LANES + 2 * RADIUS];
+            for i in 0..=2 * RADIUS {
+                let (x, y) = (i as f32 - RADIUS as f32, j as f32 - RADIUS as f32);
+                moments.add([x, y], &row[i..i + LANES], &middle, x.abs().max(y.abs()) * edge_step);
+            }
+        }
+        moments
     }
 
-    /// The least-squares slopes along x and y; `None` if the pixels lie on a line.
-    fn slopes(&self) -> Option<[f32; 2]> {
-        let about_mean = |product: f32, a: f32, b: f32| product * self.n - a * b;
-        let (xx, yy) = (about_mean(self.xx, self.x, self.x), about_mean(self.yy, self.y, self.y));
-        let xy = about_mean(self.xy, self.x, self.y);
-        let (xw, yw) = (about_mean(self.xw, self.x, self.w), about_mean(self.yw, self.y, self.w));
+    /// Adds a pixel of each window, or nothing where it is beyond an edge.
+    #[inline(always)]
+    fn add(&mut self, [x, y]: [f32; 2], values: &[f32], middle: &[f32; LANES], step: f32) {
+        for lane in 0..LANES {
+            let w = values[lane] - middle[lane];
+            let same_surface = (values[lane] > 0.0) & (w.abs() <= step * middle[lane]);
+            let (counts, w) = if same_surface { (1.0, w) } else { (0.0, 0.0) };
+            self.n[lane] += counts;
+            self.x[lane] += counts * x;
+            self.y[lane] += counts * y;
+            self.xx[lane] += counts * (x * x);
+            self.xy[lane] += counts * (x * y);
+            self.yy[lane] += counts * (y * y);
+            self.w[lane] += w;
+            self.xw[lane] += w * x;
+            self.yw[lane] += w * y;
+        }
+    }
+
+    /// The least-squares fit of a window; its slopes are `None` if the pixels lie on a line.
+    #[inline(always)]
+    fn fit(&self, lane: usize) -> Fit {
+        let n = self.n[lane];
+        let about_mean = |product: &[f32; LANES], a: f32, b: f32| product[lane] * n - a * b;
+        let (x, y, w) = (self.x[lane], self.y[lane], self.w[lane]);
+        let (xx, yy) = (about_mean(&self.xx, x, x), about_mean(&self.yy, y, y));
+        let xy = about_mean(&self.xy, x, y);
+        let (xw, yw) = (about_mean(&self.xw, x, w), about_mean(&self.yw, y, w));
         // Of integers, hence exact: 0 if and only if the pixels lie on a line.
         let determinant = xx * yy - xy * xy;
         let solve = |p: f32| p / determinant;
-        (determinant > 0.0).then(|| [solve(yy * xw - xy * yw), solve(xx * yw - xy * xw)])
+        let slopes = (determinant > 0.0).then(|| [solve(yy * xw - xy * yw), solve(xx * yw - xy * xw)]);
+        Fit { slopes, inner: n == WINDOW }
     }
-}
-
-/// Slopes of the inverse depth, per pixel.
-fn slopes(view: &FilteredView, x: usize, y: usize) -> Option<[f32; 2]> {
-    let size = view.size();
-    let middle = view.inverse_depth[(x, y)];
-    let step = view.edge_step * middle;
-    let mut moments = Moments::default();
-    let (left, right) = (x.saturating_sub(RADIUS), (x + RADIUS).min(size.width - 1));
-    for j in y.saturating_sub(RADIUS)..=(y + RADIUS).min(size.height - 1) {
-        let row = &view.inverse_depth.row(j)[left..=right];
-        for (i, &w) in (left..).zip(row) {
-            let steps = i.abs_diff(x).max(j.abs_diff(y)) as f32;
-            let same_surface = w > 0.0 && (w - middle).abs() <= steps * step;
-            let counts = f32::from(u8::from(same_surface));
-            moments.add(counts, i as f32 - x as f32, j as f32 - y as f32, w - middle);
-        }
-    }
-    moments.slopes()
 }

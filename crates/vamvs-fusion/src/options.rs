@@ -2,10 +2,34 @@
 
 use serde::{Deserialize, Serialize};
 
+/// How it is decided whether other views confirm a pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Consistency {
+    /// Votes that add up: the closer a view agrees, the larger the triangulation angle and the surer both views are, the
+    /// more its vote counts ([`FuseOptions::min_support`]).
+    #[default]
+    Dynamic,
+    /// Views are counted ([`FuseOptions::min_views`]).
+    Classic,
+}
+
+/// How far apart points of the cloud are at least.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PointSpacing {
+    /// In scene units.
+    Units(f64),
+    /// In pixels of the depth maps: their mean size on the surface.
+    Pixels(f64),
+}
+
 /// Thresholds of the filters. All of them are relative, so that they fit any scene scale.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct FuseOptions {
+    /// How it is decided whether other views confirm a pixel.
+    pub consistency: Consistency,
     /// How far a pixel may come back from itself by way of a source view's depth, pixels of the depth
     /// map.
     pub max_reprojection: f32,
@@ -14,11 +38,22 @@ pub struct FuseOptions {
     pub max_relative_depth: f32,
     /// How many views must agree on a pixel, its own included, 1 to 255.
     pub min_views: usize,
+    /// What the votes for a pixel, times its own confidence, must add up to in the dynamic rule. A vote is at most 1: that
+    /// of a view that agrees exactly, is wholly confident and sees the point at a large angle to the pixel's own ray.
+    pub min_support: f32,
+    /// What a view that sees through a pixel's point, to a surface clearly behind it, takes away from those votes in the
+    /// dynamic rule, times its confidence; 0 for nothing.
+    pub contradiction: f32,
     /// The least confidence of the final depth, 0 to 1.
     pub min_confidence: f32,
     /// The least confidence of the coarse stage where a map has one, 0 to 1.
     pub min_coarse_confidence: f32,
+    /// How far apart points are at least; `None` for as dense as the view that sees a place in most detail.
+    pub point_spacing: Option<PointSpacing>,
 }
+
+/// What a distance in pixels may be.
+const PIXELS: &str = "a positive number of pixels";
 
 /// A threshold outside of its range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -35,16 +70,26 @@ pub struct OptionsError {
 impl Default for FuseOptions {
     fn default() -> Self {
         Self {
+            consistency: Consistency::Dynamic,
             max_reprojection: 1.0,
             max_relative_depth: 0.01,
-            min_views: 3,
+            min_views: 2,
+            min_support: 0.3,
+            contradiction: 0.0,
             min_confidence: 0.1,
             min_coarse_confidence: 0.2,
+            point_spacing: None,
         }
     }
 }
 
 impl FuseOptions {
+    /// One fixed rule: three views agree within a pixel and 1 % of the depth.
+    #[must_use]
+    pub fn classic() -> Self {
+        Self { consistency: Consistency::Classic, min_views: 3, ..Self::default() }
+    }
+
     /// The paper's values for DTU (section 4.2.2): confidences above 0.1 and, in the coarse stage, 0.2,
     /// at least 3 views, and fusibile's threshold of 0.12 on the discrepancy.
     ///
@@ -54,7 +99,7 @@ impl FuseOptions {
     /// 0.12 pixels are about 0.05 % of the depth, so the 1 % here never decides.
     #[must_use]
     pub fn dtu() -> Self {
-        Self { max_reprojection: 0.12, ..Self::default() }
+        Self { max_reprojection: 0.12, ..Self::classic() }
     }
 
     /// Checks that each threshold is in its range.
@@ -70,16 +115,18 @@ impl FuseOptions {
         };
         let (reprojection, depth) = (self.max_reprojection, self.max_relative_depth);
         let (fine, coarse) = (self.min_confidence, self.min_coarse_confidence);
-        check(
-            positive(reprojection),
-            "max-reprojection",
-            "a positive number of pixels",
-            reprojection.into(),
-        )?;
+        check(positive(reprojection), "max-reprojection", PIXELS, reprojection.into())?;
         check(positive(depth) && depth < 1.0, "max-relative-depth", "between 0 and 1", depth.into())?;
         check((1.0..=255.0).contains(&views), "min-views", "from 1 to 255", views)?;
+        check(positive(self.min_support), "min-support", "a positive number", self.min_support.into())?;
+        let against = self.contradiction;
+        check(against >= 0.0 && against.is_finite(), "contradiction", "0 or more", against.into())?;
         check(share(fine), "min-confidence", "from 0 to 1", fine.into())?;
-        check(share(coarse), "min-coarse-confidence", "from 0 to 1", coarse.into())
+        check(share(coarse), "min-coarse-confidence", "from 0 to 1", coarse.into())?;
+        let Some(PointSpacing::Units(spacing) | PointSpacing::Pixels(spacing)) = self.point_spacing else {
+            return Ok(());
+        };
+        check(spacing > 0.0 && spacing.is_finite(), "point-spacing", "a positive distance", spacing)
     }
 }
 
@@ -90,7 +137,10 @@ mod tests {
     #[test]
     fn presets_are_valid_and_nonsense_is_named() {
         assert_eq!(FuseOptions::default().validate(), Ok(()));
+        assert_eq!(FuseOptions::classic().validate(), Ok(()));
         assert_eq!(FuseOptions::dtu().validate(), Ok(()));
+        let spaced = |spacing| FuseOptions { point_spacing: Some(spacing), ..FuseOptions::default() };
+        assert_eq!(spaced(PointSpacing::Pixels(2.0)).validate(), Ok(()));
         let wrong = [
             (FuseOptions { max_reprojection: f32::NAN, ..FuseOptions::default() }, "max-reprojection"),
             (FuseOptions { max_relative_depth: 0.0, ..FuseOptions::default() }, "max-relative-depth"),
@@ -98,6 +148,10 @@ mod tests {
             (FuseOptions { min_views: 256, ..FuseOptions::default() }, "min-views"),
             (FuseOptions { min_confidence: -0.1, ..FuseOptions::default() }, "min-confidence"),
             (FuseOptions { min_coarse_confidence: 1.1, ..FuseOptions::default() }, "min-coarse-confidence"),
+            (FuseOptions { min_support: 0.0, ..FuseOptions::default() }, "min-support"),
+            (FuseOptions { contradiction: -1.0, ..FuseOptions::default() }, "contradiction"),
+            (spaced(PointSpacing::Units(0.0)), "point-spacing"),
+            (spaced(PointSpacing::Pixels(f64::INFINITY)), "point-spacing"),
         ];
         for (options, name) in wrong {
             assert_eq!(options.validate().unwrap_err().name, name);

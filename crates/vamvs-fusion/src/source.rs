@@ -6,15 +6,44 @@ use vamvs_core::{DepthMap, Grid, Rgb, Size};
 
 use crate::{BoxError, FuseError};
 
+/// A depth map with the pixels of it that count. Both rasters have the depth map's size.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MaskedMap {
+    /// Depth and confidence with their camera.
+    pub map: DepthMap,
+    /// Pixels that count (`true`); `None` if all do.
+    pub mask: Option<Grid<bool>>,
+}
+
 /// What fusion needs of a view. All rasters have the depth map's size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FusionView {
     /// Depth and confidence with their camera.
     pub map: DepthMap,
-    /// The photograph's colours.
-    pub colour: Grid<Rgb>,
     /// Pixels that count (`true`); `None` if all do.
     pub mask: Option<Grid<bool>>,
+    /// The photograph's colours.
+    pub colour: Grid<Rgb>,
+    /// Unit normals in the world's frame, towards the camera, 0 where there is none; `None` to derive them from the
+    /// depths.
+    pub normals: Option<Grid<[f32; 3]>>,
+}
+
+impl MaskedMap {
+    /// Checks that all rasters have the depth map's size; the error calls it view number `view`.
+    ///
+    /// # Errors
+    /// If one has not.
+    pub fn check(&self, view: usize) -> Result<(), FuseError> {
+        let map = &self.map;
+        let parts = [
+            ("a camera", Some(map.camera.size)),
+            ("a confidence map", Some(map.confidence.size())),
+            ("a coarse confidence map", map.coarse_confidence.as_ref().map(Grid::size)),
+            ("a mask", self.mask.as_ref().map(Grid::size)),
+        ];
+        expect_sizes(view, map.depth.size(), &parts)
+    }
 }
 
 impl FusionView {
@@ -24,18 +53,25 @@ impl FusionView {
     /// If one has not.
     pub fn check(&self, view: usize) -> Result<(), FuseError> {
         let map = &self.map;
-        let expected = map.depth.size();
         let parts = [
             ("a camera", Some(map.camera.size)),
             ("a confidence map", Some(map.confidence.size())),
             ("a coarse confidence map", map.coarse_confidence.as_ref().map(Grid::size)),
             ("a colour image", Some(self.colour.size())),
+            ("a map of normals", self.normals.as_ref().map(Grid::size)),
             ("a mask", self.mask.as_ref().map(Grid::size)),
         ];
-        let other = |found: &Size| *found != expected;
-        let wrong = parts.into_iter().find_map(|(what, found)| Some((what, found.filter(other)?)));
-        wrong.map_or(Ok(()), |(what, found)| Err(FuseError::Size { view, what, expected, found }))
+        expect_sizes(view, map.depth.size(), &parts)
     }
+}
+
+/// Parts of a view with their sizes, as far as it has them.
+type Parts<'a> = &'a [(&'static str, Option<Size>)];
+
+fn expect_sizes(view: usize, expected: Size, parts: Parts<'_>) -> Result<(), FuseError> {
+    let other = |found: &Size| *found != expected;
+    let wrong = parts.iter().find_map(|&(what, found)| Some((what, found.filter(other)?)));
+    wrong.map_or(Ok(()), |(what, found)| Err(FuseError::Size { view, what, expected, found }))
 }
 
 /// A set of views that can be loaded one by one, more than once and from several threads.
@@ -56,6 +92,15 @@ pub trait MapSource: Sync {
     /// # Errors
     /// If it cannot be loaded. Fusion stops then.
     fn load(&self, view: usize) -> Result<FusionView, Self::Error>;
+
+    /// Loads of a view only what decides whether its depths are kept; the same as [`MapSource::load`] gives.
+    ///
+    /// # Errors
+    /// If it cannot be loaded. Fusion stops then.
+    fn load_map(&self, view: usize) -> Result<MaskedMap, Self::Error> {
+        let FusionView { map, mask, .. } = self.load(view)?;
+        Ok(MaskedMap { map, mask })
+    }
 }
 
 /// Views in memory.
@@ -68,5 +113,9 @@ impl MapSource for [FusionView] {
 
     fn load(&self, view: usize) -> Result<FusionView, Infallible> {
         Ok(self[view].clone())
+    }
+
+    fn load_map(&self, view: usize) -> Result<MaskedMap, Infallible> {
+        Ok(MaskedMap { map: self[view].map.clone(), mask: self[view].mask.clone() })
     }
 }

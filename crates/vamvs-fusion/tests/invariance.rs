@@ -45,7 +45,7 @@ fn threads_and_memory_do_not_change_a_bit() {
     for threads in [1, 2, 4] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         for views_in_memory in [0, 1, 4, 12, 30, 1000] {
-            let memory = views_in_memory * 11 * SIZE.area();
+            let memory = views_in_memory * 15 * SIZE.area();
             let (cloud, report) = pool.install(|| fused_with(&views, &neighbours, memory));
             assert!(cloud == unlimited.0 && report.views == unlimited.1.views);
         }
@@ -60,7 +60,7 @@ fn memory_that_suffices_is_not_exceeded() {
     let neighbours: Vec<Vec<usize>> = (0..30).map(beside).collect();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     for views_in_memory in [12, 20, 28] {
-        let memory = views_in_memory * 11 * SIZE.area();
+        let memory = views_in_memory * 15 * SIZE.area();
         let (_, report) = pool.install(|| fused_with(&views, &neighbours, memory));
         assert!(report.memory <= memory as u64, "{} of {memory}", report.memory);
     }

@@ -56,7 +56,7 @@ fn points_and_normals_are_those_of_the_surface() {
             let normal = Vector3::from(point.normal).cast::<f64>();
             assert!((normal.norm() - 1.0).abs() < 1e-6);
             bent += usize::from(normal.dot(&surface.normal(&x)) < f64::to_radians(degrees).cos());
-            assert!((3..=5).contains(&point.views) && point.confidence == 1.0);
+            assert!((2..=5).contains(&point.views) && point.confidence == 1.0);
         }
         // At the sphere's outline surfaces end or curve strongly within a pixel.
         let [off, bent] = [off, bent].map(|count| count as f64 / cloud.len() as f64);
@@ -79,7 +79,7 @@ fn each_place_comes_out_once_and_none_is_lost() {
         let total = report.total();
         assert!(total.merged > 2 * total.points, "five views, most places seen by four or five");
         // A view that keeps all pixels finds a point within a pixel or so of each of them.
-        let all = FuseOptions { min_views: 1, ..FuseOptions::default() };
+        let all = FuseOptions { min_views: 1, ..FuseOptions::classic() };
         let (cloud, _) = fuse(&views, &all, None);
         let lifted: Vec<Vector3<f64>> = lift_map(&views[3].map).flatten().collect();
         let farthest = nearest(&lifted, &positions(&cloud)).into_iter().fold(0.0, f64::max);
@@ -108,8 +108,8 @@ fn outliers_of_one_map_vanish() {
     let (cloud, report) = fuse(&views, &FuseOptions::default(), None);
     let errors = positions(&cloud).into_iter().map(|x| surface.distance(&x).abs() / DISTANCE);
     let (off, worst) = errors.fold((0, 0.0), |(off, worst), e| (off + usize::from(e > 1e-4), e.max(worst)));
-    // A wrong depth may come within 1 % of another place of the surface and count there, among three.
-    assert!(worst < 0.01 / 3.0, "{worst}");
+    // A wrong depth may come within 1 % of another place of the surface and count there, among two.
+    assert!(worst < 0.01 / 2.0, "{worst}");
     assert!((off as f64) < 0.01 * cloud.len() as f64, "{off} of {}", cloud.len());
     assert!(cloud.len() as f64 > 0.9 * clean as f64, "the other views still make {} of {clean}", cloud.len());
     assert!(report.views[1].inconsistent > FINE.area() as u64 / 4);
@@ -123,14 +123,14 @@ fn masked_and_unconfident_pixels_take_no_part() {
     for (i, confidence) in views[1].map.confidence.data_mut().iter_mut().enumerate() {
         *confidence = if left(i % SIZE.width) { 0.05 } else { 0.7 };
     }
-    let (cloud, report) = fuse(&views, &FuseOptions::default(), None);
+    let (cloud, report) = fuse(&views, &FuseOptions::classic(), None);
     assert_eq!(report.views[0].masked, SIZE.area() as u64 / 2);
     assert_eq!(report.views[1].unconfident, SIZE.area() as u64 / 2);
     let map = &views[0].map;
     for point in &cloud {
         assert_eq!(point.views, 3);
         assert!((point.confidence - 0.9).abs() < 1e-6, "(1 + 0.7 + 1) / 3");
-        assert_eq!(point.colour, [10, 100, 200], "the mean of 0, 10 and 20 in red");
+        assert!(point.colour[0] <= 20 && point.colour[1..] == [100, 200], "between 0, 10 and 20 in red");
         let x_in_cam = map.cam_from_world.transform(&Vector3::from(point.x_in_world));
         assert!(map.camera.intrinsics.project(&x_in_cam).x > SIZE.width as f64 / 2.0 - 1e-3);
     }
@@ -141,7 +141,7 @@ fn masked_and_unconfident_pixels_take_no_part() {
 fn the_coarse_confidence_counts_where_there_is_one() {
     let mut views = views(tilted(), 3, SIZE, DISTANCE);
     views[2].map.coarse_confidence = Some(Grid::filled(SIZE, 0.15));
-    let (cloud, report) = fuse(&views, &FuseOptions::default(), None);
+    let (cloud, report) = fuse(&views, &FuseOptions::classic(), None);
     assert!(cloud.is_empty());
     assert_eq!(report.views[2].unconfident, SIZE.area() as u64);
 }
@@ -177,7 +177,7 @@ fn each_pixel_is_reported_once() {
 fn views_that_see_nothing_in_common_give_no_points() {
     let views = views(tilted(), 3, SIZE, DISTANCE);
     let neighbours = vec![vec![1], vec![0], vec![]];
-    let options = FuseOptions::default();
+    let options = FuseOptions::classic();
     let job =
         FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, memory: 0 };
     let (cloud, report) = fuse_to_cloud(&job).unwrap();
@@ -189,7 +189,7 @@ fn views_that_see_nothing_in_common_give_no_points() {
 fn pixels_that_are_not_kept_swallow_no_points() {
     let views = views(tilted(), 4, SIZE, DISTANCE);
     let neighbours = vec![vec![1], vec![0, 2, 3], vec![0, 1, 3], vec![0, 1, 2]];
-    let options = FuseOptions::default();
+    let options = FuseOptions::classic();
     let job =
         FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, memory: 0 };
     let (_, report) = fuse_to_cloud(&job).unwrap();
@@ -223,7 +223,7 @@ fn no_hairline_gap_opens_where_the_order_of_the_views_changes() {
 fn pixels_that_make_points(pair: &[FusionView; 2]) -> [Grid<bool>; 2] {
     let mut made = [(); 2].map(|()| Grid::filled(SIZE, false));
     let neighbours = all_others(2);
-    let options = FuseOptions { min_views: 1, max_relative_depth: 0.03, ..FuseOptions::default() };
+    let options = FuseOptions { min_views: 1, max_relative_depth: 0.03, ..FuseOptions::classic() };
     let job =
         FuseJob { source: &pair[..], neighbours: &neighbours, options: &options, roi: None, memory: 1 << 30 };
     let mut sink = |fused: &FusedPoints| {

@@ -33,8 +33,14 @@ fn every_view_of_a_point_sees_it_and_that_which_made_it_comes_first() {
                 let map = &views[view as usize].map;
                 let x_in_cam = map.cam_from_world.transform(&point.x_in_world.into());
                 let pixel = map.camera.project_inside(&x_in_cam).unwrap();
-                let depth = f64::from(map.depth[(pixel.x as usize, pixel.y as usize)]);
-                assert!((depth - x_in_cam.z).abs() < 0.03 * depth, "view {view}: {depth} or {}", x_in_cam.z);
+                // Views may agree within a pixel: at an outline the next one shows the point.
+                let around = |i: usize| [pixel.x as usize + i % 3, pixel.y as usize + i / 3];
+                let depths = (0..9)
+                    .map(around)
+                    .filter_map(|[x, y]| map.depth.get(x.checked_sub(1)?, y.checked_sub(1)?));
+                let nearest =
+                    depths.map(|&depth| (f64::from(depth) - x_in_cam.z).abs()).fold(f64::INFINITY, f64::min);
+                assert!(nearest < 0.03 * x_in_cam.z, "view {view}: {nearest} off");
             }
         }
     }

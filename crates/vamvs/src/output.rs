@@ -97,6 +97,12 @@ impl OutputFolder {
         self.file("confidence", name, ".coarse.pfm")
     }
 
+    /// `normals/NAME.pfm`: unit normals in the world's frame, where the depth map's maker tells them.
+    #[must_use]
+    pub fn normals(&self, name: &str) -> PathBuf {
+        self.file("normals", name, ".pfm")
+    }
+
     /// `pair.txt`.
     #[must_use]
     pub fn pairs(&self) -> PathBuf {

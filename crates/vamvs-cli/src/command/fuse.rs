@@ -4,8 +4,9 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use serde_json::json;
+use vamvs::fusion::FuseError;
 use vamvs::io::masks::Masks;
-use vamvs::{FuseSummary, Maps};
+use vamvs::{FuseSummary, Maps, VamvsError};
 
 use super::report;
 use crate::arguments::{CommonFlags, FuseArguments};
@@ -21,9 +22,9 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     settings.use_threads()?;
     settings.apply_export(&arguments.export);
     let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
-    let maps = open(&arguments.depths, masks(arguments)?, &arguments.common, &progress)?;
+    let maps = Maps::open(&arguments.depths, masks(arguments)?, &mut |event| progress.show(event))?;
     let cloud = arguments.out.clone().unwrap_or_else(|| maps.default_cloud());
-    let fused = merge(&maps, &cloud, &settings, &progress)?;
+    let (maps, fused) = merge_readable(maps, &cloud, &settings, (&arguments.common, &progress))?;
     timing.add_fusion(&fused);
     let kept = (&maps, &*cloud, &fused);
     timing.of("report", || report::keep(kept, &settings, !arguments.no_report, &progress))?;
@@ -37,14 +38,6 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     super::expect_all_views(&arguments.common, &fused.skipped)
 }
 
-/// The depth maps in a folder that can be read; with `--strict` all must be.
-pub fn open(folder: &Path, masks: Masks, common: &CommonFlags, progress: &Progress) -> Result<Maps> {
-    let mut show = |event| progress.show(event);
-    let maps = Maps::open(folder, masks, &mut show)?.readable(&mut show)?;
-    super::expect_all_views(common, maps.left_out())?;
-    Ok(maps)
-}
-
 /// The masks of the folder's own images, if there are any.
 fn masks(arguments: &FuseArguments) -> Result<Masks> {
     match &arguments.masks {
@@ -54,8 +47,33 @@ fn masks(arguments: &FuseArguments) -> Result<Masks> {
     }
 }
 
+/// Fuses all depth maps that can be read; with `--strict` all must be. Maps are not read before they are needed; only
+/// if one of them cannot be, all are looked at, and those that can be are fused anew.
+pub fn merge_readable(
+    maps: Maps,
+    cloud: &Path,
+    settings: &Settings,
+    (common, progress): (&CommonFlags, &Progress),
+) -> Result<(Maps, FuseSummary)> {
+    match merge(&maps, cloud, settings, progress) {
+        Err(error) if is_unreadable(&error) => {
+            let maps = maps.readable(&mut |event| progress.show(event))?;
+            super::expect_all_views(common, maps.left_out())?;
+            let fused = merge(&maps, cloud, settings, progress)?;
+            Ok((maps, fused))
+        }
+        fused => Ok((maps, fused?)),
+    }
+}
+
+/// Whether a view could not be read or its files do not fit together.
+fn is_unreadable(error: &anyhow::Error) -> bool {
+    let fusion = error.downcast_ref::<VamvsError>();
+    matches!(fusion, Some(VamvsError::Fuse(FuseError::Load { .. } | FuseError::Size { .. })))
+}
+
 /// Fuses and says what became of the pixels; no points at all are an error.
-pub fn merge(maps: &Maps, cloud: &Path, settings: &Settings, progress: &Progress) -> Result<FuseSummary> {
+fn merge(maps: &Maps, cloud: &Path, settings: &Settings, progress: &Progress) -> Result<FuseSummary> {
     let mut show = |event| progress.show(event);
     let fused = vamvs::fuse(maps, cloud, &settings.fusion, &settings.export, &mut show)?;
     if fused.points == 0 {

@@ -2,8 +2,8 @@
 
 use anyhow::Result;
 use serde_json::json;
-use vamvs::OutputFolder;
 use vamvs::io::masks::Masks;
+use vamvs::{Maps, OutputFolder};
 
 use super::{depth, fuse, report};
 use crate::arguments::ReconstructArguments;
@@ -23,8 +23,8 @@ pub fn run(arguments: &ReconstructArguments) -> Result<()> {
     timing.add_depth(&maps);
     let folder = OutputFolder::new(&arguments.depth.out());
     // Masked pixels have no depth already.
-    let made = fuse::open(folder.root(), Masks::None, common, &progress)?;
-    let fused = fuse::merge(&made, &folder.cloud(), &settings, &progress)?;
+    let made = Maps::open(folder.root(), Masks::None, &mut |event| progress.show(event))?;
+    let (made, fused) = fuse::merge_readable(made, &folder.cloud(), &settings, (common, &progress))?;
     timing.add_fusion(&fused);
     let kept = (&made, &*folder.cloud(), &fused);
     timing.of("report", || report::keep(kept, &settings, !arguments.no_report, &progress))?;

@@ -84,6 +84,7 @@ impl Layout {
                 depth: file(depth)?,
                 confidence: confidence.and_then(file),
                 coarse_confidence,
+                normals: self.own().and_then(|own| file(own.normals(&name))),
             })
         };
         views.iter().zip(names(views)).map(files).collect()

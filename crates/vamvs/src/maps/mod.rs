@@ -9,7 +9,7 @@ use vamvs_core::view_selection;
 use vamvs_core::{
     Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Rgb, Scene, Size, Source, SparsePoint,
 };
-use vamvs_fusion::{FusionView, MapSource};
+use vamvs_fusion::{FusionView, MapSource, MaskedMap};
 use vamvs_io::colmap::dense;
 use vamvs_io::masks::{self, Masks};
 use vamvs_io::ply::Coordinates;
@@ -41,12 +41,14 @@ struct MapFiles {
     depth: PathBuf,
     confidence: Option<PathBuf>,
     coarse_confidence: Option<PathBuf>,
+    normals: Option<PathBuf>,
 }
 
 impl Maps {
     /// The depth maps that `path` is the folder of, in any of three layouts:
     ///
-    /// - as `vamvs depth` writes them, `depths/`, `cams/`, `images/`, `confidence/`;
+    /// - as `vamvs depth` writes them, `depths/`, `cams/`, `images/`, `confidence/`, and perhaps `normals/`, unit
+    ///   normals in the world's frame;
     /// - a dense workspace of COLMAP, `stereo/depth_maps/`, `sparse/`, `images/`: the geometric maps, or the
     ///   photometric ones where there are no others;
     /// - as networks like MVSNet write them, `depth_est/`, `cams/`, `images/`, and perhaps `confidence/`.
@@ -241,9 +243,15 @@ impl MapSource for Maps {
     }
 
     fn load(&self, view: usize) -> Result<FusionView, VamvsError> {
+        let MaskedMap { map, mask } = self.load_map(view)?;
+        let colour = self.photograph(view, map.depth.size())?;
+        let normals = self.files[view].normals.as_deref().map(pfm::read_rgb).transpose()?;
+        Ok(FusionView { map, mask, colour, normals })
+    }
+
+    fn load_map(&self, view: usize) -> Result<MaskedMap, VamvsError> {
         let map = self.depth_map(view)?;
-        let size = map.depth.size();
-        Ok(FusionView { colour: self.photograph(view, size)?, mask: self.mask(view, size)?, map })
+        Ok(MaskedMap { mask: self.mask(view, map.depth.size())?, map })
     }
 }
 

@@ -1,0 +1,204 @@
+//! The rules by which a pixel is confirmed: does enough speak for its depth?
+//!
+//! The dynamic rule lets each source view vote. A vote counts the more, the nearer the pixel comes back to itself
+//! ([`Answers::error`]), the larger the triangulation angle and the surer the source is of its depth; votes add up, and
+//! what the pixel's own view gives counts as a factor. So few views must agree within fractions of what is allowed, and
+//! many may use all of it, as in the dynamic consistency checking of D2HC-RMVSNet (Yan et al. 2020), but without steps.
+//! Views that see through the point to a surface clearly behind it vote against it. All of it is shares and angles, so
+//! it does not depend on the scene's scale.
+
+use crate::pair::Pair;
+use crate::photometric::FilteredView;
+use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits};
+use crate::{Consistency, FuseOptions};
+
+/// The triangulation angle from which on a vote counts in full, radians (2°).
+const FULL_PARALLAX: f32 = 0.035;
+
+/// A view sees through a point if what it sees there lies behind it by more than this many times
+/// [`FuseOptions::max_relative_depth`].
+const CLEARLY_BEHIND: f32 = 3.0;
+
+/// Decides about the pixels of one view.
+pub(crate) struct Rule<'a> {
+    reference: &'a FilteredView,
+    pairs: &'a [Pair<'a>],
+    options: &'a FuseOptions,
+}
+
+/// What the views asked so far said of the pixels of a strip.
+struct Tally {
+    /// Views that agree.
+    views: Lanes,
+    /// Votes for the pixel.
+    support: Lanes,
+    /// Votes against it.
+    against: Lanes,
+}
+
+impl<'a> Rule<'a> {
+    pub fn new(reference: &'a FilteredView, pairs: &'a [Pair<'a>], options: &'a FuseOptions) -> Self {
+        Self { reference, pairs, options }
+    }
+
+    /// The pixels of a strip of the row `y` from pixel `first` on that are confirmed, one bit each.
+    pub fn confirmed(&self, strip: &Strip, (first, y): (usize, usize)) -> u64 {
+        let asked = bits(|lane| strip.inverse_depth[lane] > 0.0);
+        let needed = self.needed(first, y);
+        let mut tally = Tally { views: [0.0; LANES], support: [0.0; LANES], against: [0.0; LANES] };
+        let mut answers = Answers::new();
+        for (done, pair) in self.pairs.iter().enumerate() {
+            let open = asked & !self.decided(&tally, &needed, self.pairs.len() - done);
+            if open == 0 {
+                break;
+            }
+            ask(pair, strip, &mut answers);
+            tally.add(pair, &answers, self.options);
+        }
+        asked & self.accepted(&tally, &needed)
+    }
+
+    /// The votes that each pixel needs: the less sure its own view is, the more.
+    fn needed(&self, first: usize, y: usize) -> Lanes {
+        let mut needed = [f32::INFINITY; LANES];
+        let own = &self.reference.confidence.row(y)[first..];
+        needed.iter_mut().zip(own).for_each(|(needed, own)| *needed = self.options.min_support / own);
+        needed
+    }
+
+    /// The pixels of which the rest of the views, so many, cannot change the outcome.
+    fn decided(&self, tally: &Tally, needed: &Lanes, rest: usize) -> u64 {
+        let min = (self.options.min_views - 1) as f32;
+        let hopeless = bits(|lane| tally.views[lane] + (rest as f32) < min);
+        if self.options.contradiction > 0.0 {
+            return hopeless;
+        }
+        hopeless | self.accepted(tally, needed)
+    }
+
+    fn accepted(&self, tally: &Tally, needed: &Lanes) -> u64 {
+        let min = (self.options.min_views - 1) as f32;
+        let against = self.options.contradiction;
+        match self.options.consistency {
+            Consistency::Classic => bits(|lane| tally.views[lane] >= min),
+            Consistency::Dynamic => bits(|lane| {
+                let balance = tally.support[lane] - against * tally.against[lane];
+                (tally.views[lane] >= min) & (balance >= needed[lane])
+            }),
+        }
+    }
+}
+
+impl Tally {
+    #[inline]
+    fn add(&mut self, pair: &Pair<'_>, answers: &Answers, options: &FuseOptions) {
+        let confidence = pair.source.confidence.data();
+        let margin = CLEARLY_BEHIND * options.max_relative_depth;
+        for lane in 0..LANES {
+            let sure = confidence[answers.pixel[lane] as usize];
+            let angle = (answers.parallax[lane] / FULL_PARALLAX).min(1.0);
+            let agrees = answers.error[lane] < 1.0;
+            let vote = if agrees { (1.0 - answers.error[lane]) * angle * sure } else { 0.0 };
+            self.views[lane] += if agrees { 1.0 } else { 0.0 };
+            self.support[lane] += vote;
+            self.against[lane] += if answers.behind[lane] > margin { sure } else { 0.0 };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::MaskedMap;
+    use nalgebra::Vector3;
+    use vamvs_core::{DepthMap, Grid, Intrinsics, Pinhole, Pose, Size};
+
+    const SIZE: Size = Size::new(64, 48);
+
+    /// A camera at (x, 0, 0) that looks along z at a wall, its depth off by a share, with a confidence.
+    #[derive(Clone, Copy)]
+    struct Wall {
+        x: f64,
+        error: f32,
+        confidence: f32,
+    }
+
+    impl Wall {
+        fn new(x: f64, error: f32) -> Self {
+            Self { x, error, confidence: 1.0 }
+        }
+
+        fn view(self) -> FilteredView {
+            let intrinsics = Intrinsics { fx: 100.0, fy: 100.0, cx: 32.0, cy: 24.0 };
+            let map = DepthMap {
+                camera: Pinhole { size: SIZE, intrinsics },
+                cam_from_world: Pose { translation: Vector3::new(-self.x, 0.0, 0.0), ..Pose::identity() },
+                depth: Grid::filled(SIZE, 10.0 * (1.0 + self.error)),
+                confidence: Grid::filled(SIZE, self.confidence),
+                coarse_confidence: None,
+            };
+            FilteredView::new(0, MaskedMap { map, mask: None }, &FuseOptions::default()).unwrap()
+        }
+    }
+
+    /// Whether a pixel in the middle of the first wall is confirmed by the others.
+    fn is_confirmed(walls: &[Wall], options: &FuseOptions) -> bool {
+        let views: Vec<FilteredView> = walls.iter().map(|wall| wall.view()).collect();
+        let (reference, sources) = (&views[0], &views[1..]);
+        let pairs: Vec<_> = sources.iter().map(|source| Pair::new(reference, 1, source, options)).collect();
+        let strip = Strip::of_row(24, 0, reference.inverse_depth.row(24));
+        Rule::new(reference, &pairs, options).confirmed(&strip, (0, 24)) >> 32 & 1 == 1
+    }
+
+    const OWN: Wall = Wall { x: 0.0, error: 0.0, confidence: 1.0 };
+
+    #[test]
+    fn the_more_views_agree_the_looser_they_may() {
+        let options = FuseOptions::default();
+        // 1 % of the depth is allowed; at these baselines it decides, not the pixel.
+        let off = |count: usize, error| {
+            let sources = (1..=count).map(|i| Wall::new(0.35 + 0.02 * i as f64, error));
+            is_confirmed(&[OWN].into_iter().chain(sources).collect::<Vec<_>>(), &options)
+        };
+        assert!(off(1, 0.002) && !off(1, 0.009));
+        assert!(off(4, 0.009) && !off(10, 0.0101), "but none may agree beyond what is allowed");
+    }
+
+    #[test]
+    fn two_views_suffice_if_both_are_sure_and_the_angle_is_large() {
+        let options = FuseOptions::default();
+        let sure = Wall::new(0.5, 0.001);
+        assert!(is_confirmed(&[OWN, sure], &options));
+        assert!(!is_confirmed(&[OWN, Wall { confidence: 0.15, ..sure }], &options));
+        assert!(!is_confirmed(&[Wall { confidence: 0.15, ..OWN }, sure], &options));
+        assert!(!is_confirmed(&[OWN, Wall { x: 0.05, ..sure }], &options), "0.3 degrees");
+        assert!(!is_confirmed(&[OWN, sure], &FuseOptions { min_views: 3, ..options }));
+    }
+
+    #[test]
+    fn views_that_see_through_a_point_outweigh_those_that_confirm_it() {
+        let options = FuseOptions { contradiction: 1.0, ..FuseOptions::default() };
+        let [confirms, through] = [Wall::new(0.5, 0.001), Wall::new(-0.5, 0.2)];
+        assert!(is_confirmed(&[OWN, confirms], &options));
+        assert!(!is_confirmed(&[OWN, confirms, through], &options));
+        assert!(is_confirmed(&[OWN, confirms, Wall { confidence: 0.2, ..through }], &options), "unsure");
+        assert!(
+            is_confirmed(&[OWN, confirms, Wall { error: 0.02, ..through }], &options),
+            "not clearly behind"
+        );
+        assert!(
+            is_confirmed(&[OWN, confirms, Wall { error: -0.2, ..through }], &options),
+            "before: it hides it"
+        );
+        assert!(is_confirmed(&[OWN, confirms, through], &FuseOptions { contradiction: 0.0, ..options }));
+    }
+
+    #[test]
+    fn the_classic_rule_counts_views() {
+        let options = FuseOptions::classic();
+        let near = |x| Wall { confidence: 0.1, ..Wall::new(x, 0.009) };
+        assert!(is_confirmed(&[OWN, near(0.3), near(-0.3)], &options));
+        assert!(!is_confirmed(&[OWN, OWN, Wall::new(0.3, 0.011)], &options));
+        assert!(is_confirmed(&[OWN], &FuseOptions { min_views: 1, ..options }), "one view needs no other");
+    }
+}

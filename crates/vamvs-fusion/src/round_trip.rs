@@ -1,0 +1,352 @@
+//! The way from pixels of a reference view to a source view's surface and back, for many pixels at once.
+//!
+//! A pixel with its depth is seen at some place of the source view; the source's depth there is taken back to
+//! the reference view. If both see the same surface, it comes back near the pixel and near its depth
+//! (section 4.2.2).
+
+use crate::pair::Pair;
+use crate::wide::widened;
+
+/// Pixels that go at once: those of a word of [`BitGrid`](crate::bits::BitGrid).
+pub(crate) const LANES: usize = 64;
+
+/// A number for each pixel of a strip.
+pub(crate) type Lanes<T = f32> = [T; LANES];
+
+/// Pixels of one row of the reference view.
+#[derive(Clone, Debug)]
+pub(crate) struct Strip {
+    /// Image coordinate of the row's centres.
+    pub y: f32,
+    /// Image coordinates of the pixels' centres.
+    pub x: Lanes,
+    /// Inverse depths; 0 for lanes without a pixel.
+    pub inverse_depth: Lanes,
+}
+
+/// What a source view says of the pixels of a strip.
+#[derive(Clone, Debug)]
+pub(crate) struct Answers {
+    /// By how much the way back misses the pixel or its depth, whichever is worse, as a share of what is allowed:
+    /// below 1 the source agrees. Infinite where the source sees nothing.
+    pub error: Lanes,
+    /// The source's inverse depth.
+    pub inverse_depth: Lanes,
+    /// The place of the source's pixel in its rasters.
+    pub pixel: Lanes<u32>,
+    /// The source's surface point as a homogeneous reference pixel over the source depth.
+    pub back: [Lanes; 3],
+    /// The angle between the rays of both views at the point, radians, as long as it is small.
+    pub parallax: Lanes,
+    /// How much farther than the point all the source's depths around are, as a share of their inverse: 0 if they are
+    /// as near, 1 if they are infinitely far. Negative where the source sees nothing or something nearer.
+    pub behind: Lanes,
+}
+
+impl Strip {
+    /// A strip without pixels at the row with the centre `y`.
+    pub fn empty(y: f32) -> Self {
+        Self { y, x: [0.0; LANES], inverse_depth: [0.0; LANES] }
+    }
+
+    /// The pixels from `first` on that have an inverse depth in `row`, its first that of pixel `first` of row `y`.
+    pub fn of_row(y: usize, first: usize, row: &[f32]) -> Self {
+        let mut strip = Self::empty(y as f32 + 0.5);
+        strip.inverse_depth[..row.len()].copy_from_slice(row);
+        let centres = (first..).map(|x| x as f32 + 0.5);
+        strip.x.iter_mut().zip(centres).for_each(|(to, x)| *to = x);
+        strip
+    }
+}
+
+impl Answers {
+    /// Room for answers.
+    pub fn new() -> Self {
+        let none = [0.0; LANES];
+        Self {
+            error: [f32::INFINITY; LANES],
+            inverse_depth: none,
+            pixel: [0; LANES],
+            back: [none; 3],
+            parallax: none,
+            behind: [-1.0; LANES],
+        }
+    }
+
+    /// The lanes in which the source agrees, one bit each.
+    pub fn agreeing(&self) -> u64 {
+        bits(|lane| self.error[lane] < 1.0)
+    }
+}
+
+/// One bit for each lane of which it is true.
+pub(crate) fn bits(is_true: impl Fn(usize) -> bool) -> u64 {
+    (0..LANES).fold(0, |bits, lane| bits | u64::from(is_true(lane)) << lane)
+}
+
+widened! {
+    /// Asks the source view of a pair about the pixels of a strip.
+    pub(crate) fn ask(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) = ask_any;
+}
+
+/// Where the pixels of a strip are seen in the source view.
+struct Seen {
+    /// Image coordinates.
+    at: [Lanes; 2],
+    /// The points' inverse depths there.
+    inverse_depth: Lanes,
+    /// The upper left of the four pixels around, clamped to the image.
+    corner: [Lanes; 2],
+    /// Its place in the rasters.
+    place: Lanes<u32>,
+    /// Whether the pixel is inside.
+    inside: Lanes<bool>,
+}
+
+#[inline(always)]
+fn ask_any(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) {
+    let size = pair.source.size();
+    let seen = project(pair, strip, answers);
+    let any = seen.inside.iter().fold(false, |any, inside| any | inside);
+    if !any || size.width < 2 || size.height < 2 {
+        answers.error = [f32::INFINITY; LANES];
+        answers.behind = [-1.0; LANES];
+        return;
+    }
+    let corners = gather(pair.source.inverse_depth.data(), size.width, &seen.place);
+    let at = sample(pair, &seen, &corners, answers);
+    come_back(pair, strip, (&at, &seen.inside), answers);
+}
+
+#[inline(always)]
+fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
+    let size = pair.source.size();
+    let (width, height) = (size.width as f32, size.height as f32);
+    let (m, o) = (&pair.to_source.linear, &pair.to_source.offset);
+    let [row_x, row_y, row_z] = [0, 1, 2].map(|i| m[(i, 1)] * strip.y + m[(i, 2)]);
+    let none = [0.0; LANES];
+    let mut seen = Seen {
+        at: [none; 2],
+        inverse_depth: none,
+        corner: [none; 2],
+        place: [0; LANES],
+        inside: [false; LANES],
+    };
+    for lane in 0..LANES {
+        let (x, w) = (strip.x[lane], strip.inverse_depth[lane]);
+        let z = m[(2, 0)] * x + row_z + o.z * w;
+        let per_z = 1.0 / z;
+        let u = (m[(0, 0)] * x + row_x + o.x * w) * per_z;
+        let v = (m[(1, 0)] * x + row_y + o.y * w) * per_z;
+        let inside = (w > 0.0) & (z > 0.0) & (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height);
+        // What is outside goes to the first pixel.
+        let (u, v) = if inside { (u, v) } else { (0.5, 0.5) };
+        let (du, dv) = (o.x - o.z * u, o.y - o.z * v);
+        answers.parallax[lane] = (du * du + dv * dv).sqrt() * (w * per_z).abs() * pair.radians_per_pixel;
+        let left = least(most(u - 0.5, 0.0), width - 2.0) as i32;
+        let top = least(most(v - 0.5, 0.0), height - 2.0) as i32;
+        seen.at[0][lane] = u;
+        seen.at[1][lane] = v;
+        seen.inverse_depth[lane] = w * per_z;
+        seen.corner[0][lane] = left as f32;
+        seen.corner[1][lane] = top as f32;
+        seen.place[lane] = (top * size.width as i32 + left) as u32;
+        seen.inside[lane] = inside;
+    }
+    seen
+}
+
+/// The values of the four pixels of which each place is the upper left: upper left and right, lower left and right.
+#[inline(always)]
+fn gather(values: &[f32], width: usize, places: &Lanes<u32>) -> [Lanes; 4] {
+    let mut corners = [[0.0; LANES]; 4];
+    for (lane, &place) in places.iter().enumerate() {
+        let place = place as usize;
+        let (upper, lower) = (&values[place..place + 2], &values[place + width..place + width + 2]);
+        corners[0][lane] = upper[0];
+        corners[1][lane] = upper[1];
+        corners[2][lane] = lower[0];
+        corners[3][lane] = lower[1];
+    }
+    corners
+}
+
+/// The source's inverse depth at the place: bilinear (linear beyond the outermost centres) where the four pixels around
+/// agree, else that of the pixel there, at its centre. Gives the image coordinates that it is of.
+#[inline(always)]
+fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes; 4], answers: &mut Answers) -> [Lanes; 2] {
+    let width = pair.source.size().width as u32;
+    let max_spread = pair.max_relative_depth;
+    let mut at = [[0.0; LANES]; 2];
+    for lane in 0..LANES {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|corner| corners[corner][lane]);
+        let (lowest, highest) = (least(least(a, b), least(c, d)), most(most(a, b), most(c, d)));
+        let (left, top) = (seen.corner[0][lane], seen.corner[1][lane]);
+        let (s, t) = (seen.at[0][lane] - 0.5 - left, seen.at[1][lane] - 0.5 - top);
+        let (upper, lower) = (a + s * (b - a), c + s * (d - c));
+        let smooth = (lowest > 0.0) & (highest - lowest <= max_spread * lowest);
+        let (is_right, is_lower) = (s >= 0.5, t >= 0.5);
+        let nearest = if is_lower {
+            if is_right { d } else { c }
+        } else if is_right {
+            b
+        } else {
+            a
+        };
+        answers.inverse_depth[lane] = if smooth { upper + t * (lower - upper) } else { nearest };
+        answers.pixel[lane] = seen.place[lane] + u32::from(is_right) + if is_lower { width } else { 0 };
+        let point = seen.inverse_depth[lane];
+        let sees = seen.inside[lane] & (lowest > 0.0);
+        answers.behind[lane] = if sees { 1.0 - highest / point } else { -1.0 };
+        let centre = (left + if is_right { 1.5 } else { 0.5 }, top + if is_lower { 1.5 } else { 0.5 });
+        at[0][lane] = if smooth { seen.at[0][lane] } else { centre.0 };
+        at[1][lane] = if smooth { seen.at[1][lane] } else { centre.1 };
+    }
+    at
+}
+
+#[inline(always)]
+fn come_back(
+    pair: &Pair<'_>,
+    strip: &Strip,
+    (at, inside): (&[Lanes; 2], &Lanes<bool>),
+    answers: &mut Answers,
+) {
+    let (m, o) = (&pair.to_reference.linear, &pair.to_reference.offset);
+    for lane in 0..LANES {
+        let (u, v, w) = (at[0][lane], at[1][lane], answers.inverse_depth[lane]);
+        let [x, y, z] = [0, 1, 2].map(|i| m[(i, 0)] * u + m[(i, 1)] * v + m[(i, 2)] + o[i] * w);
+        // The depth that comes back is z / w, with w the source's inverse depth.
+        let depth_error = (z * strip.inverse_depth[lane] - w).abs() / (pair.max_relative_depth * w);
+        let (dx, dy) = (x - strip.x[lane] * z, y - strip.y * z);
+        let way = (dx * dx + dy * dy).sqrt() / (pair.max_reprojection * z);
+        let sees = inside[lane] & (w > 0.0) & (z > 0.0);
+        answers.error[lane] = if sees { most(depth_error, way) } else { f32::INFINITY };
+        answers.back[0][lane] = x;
+        answers.back[1][lane] = y;
+        answers.back[2][lane] = z;
+    }
+}
+
+#[inline(always)]
+fn least(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+fn most(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::photometric::FilteredView;
+    use crate::{FuseOptions, MaskedMap};
+    use nalgebra::Vector3;
+    use vamvs_core::{DepthMap, Grid, Intrinsics, Pinhole, Pose, Size};
+
+    const SIZE: Size = Size::new(80, 60);
+
+    /// A camera at (x, 0, 0) that looks along z and sees these depths.
+    fn view(x: f64, depth: Grid<f32>, options: &FuseOptions) -> FilteredView {
+        let intrinsics = Intrinsics { fx: 100.0, fy: 100.0, cx: 40.0, cy: 30.0 };
+        let map = DepthMap {
+            camera: Pinhole { size: depth.size(), intrinsics },
+            cam_from_world: Pose { translation: Vector3::new(-x, 0.0, 0.0), ..Pose::identity() },
+            confidence: Grid::filled(depth.size(), 1.0),
+            depth,
+            coarse_confidence: None,
+        };
+        FilteredView::new(0, MaskedMap { map, mask: None }, options).unwrap()
+    }
+
+    fn wall(x: f64, depth: f32, options: &FuseOptions) -> FilteredView {
+        view(x, Grid::filled(SIZE, depth), options)
+    }
+
+    /// What `source` answers to a wall at depth 4 seen from the origin at image coordinates (x, 30.5), in one lane of
+    /// a strip that is empty else.
+    fn answer(source: &FilteredView, x: f32, inverse_depth: f32, options: &FuseOptions) -> Answers {
+        let pair = Pair::new(&wall(0.0, 4.0, options), 1, source, options);
+        let mut strip = Strip::empty(30.5);
+        (strip.x[17], strip.inverse_depth[17]) = (x, inverse_depth);
+        let mut answers = Answers::new();
+        ask(&pair, &strip, &mut answers);
+        let mut plain = Answers::new();
+        ask_any(&pair, &strip, &mut plain);
+        assert_eq!(format!("{answers:?}"), format!("{plain:?}"), "wide vectors change nothing");
+        assert_eq!(answers.agreeing() & !(1 << 17), 0, "empty lanes agree with nothing");
+        answers
+    }
+
+    /// Whether a camera one unit beside agrees on a wall at depth 4 that it sees at 4 (1 + error).
+    fn agrees(error: f32, max_reprojection: f32, max_relative_depth: f32) -> bool {
+        let options = FuseOptions { max_reprojection, max_relative_depth, ..FuseOptions::default() };
+        answer(&wall(1.0, 4.0 * (1.0 + error), &options), 50.5, 0.25, &options).agreeing() != 0
+    }
+
+    #[test]
+    fn both_the_way_back_and_the_depth_are_bounded() {
+        // The disparity is 25 pixels, so 3 % of depth are 0.75 · 1/1.03 = 0.728 pixels of the way.
+        for (error, way) in [(0.03, 0.7281), (-0.03, 0.7732), (0.002, 0.0499)] {
+            assert!(agrees(error, way + 1e-3, 0.05) && !agrees(error, way - 1e-3, 0.05), "{error}");
+            let depth = error.abs();
+            assert!(agrees(error, 2.0, depth + 1e-5) && !agrees(error, 2.0, depth - 1e-5), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_the_source_does_not_see_gets_no_agreement() {
+        let options = FuseOptions::default();
+        let source = wall(1.0, 4.0, &options);
+        let agrees = |x, w| answer(&source, x, w, &options).agreeing() != 0;
+        assert!(agrees(25.5, 0.25));
+        assert!(!agrees(24.5, 0.25), "25 pixels to the left is outside");
+        assert!(!agrees(50.5, -0.25), "behind the camera");
+        let line = view(1.0, Grid::filled(Size::new(80, 1), 4.0), &options);
+        assert_eq!(answer(&line, 50.5, 0.25, &options).agreeing(), 0, "one row is no surface");
+    }
+
+    #[test]
+    fn an_answer_tells_where_the_surface_is_and_at_which_angle_it_is_seen() {
+        let options = FuseOptions::default();
+        let answers = answer(&wall(1.0, 4.02, &options), 50.5, 0.25, &options);
+        assert_eq!(answers.pixel[17], 30 * 80 + 25);
+        // Seen at x = 25.5, 0.145 left of the source's axis per unit of depth.
+        let expected = [1.0 - 0.145 * 4.02, 0.005 * 4.02, 4.02].map(|c: f32| c / 4.02);
+        let [x, y, z] = answers.back.map(|lanes| lanes[17]);
+        let found = [(x / z - 40.0) / 100.0, (y / z - 30.0) / 100.0, 1.0];
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{found:?} {expected:?}");
+        assert!((answers.inverse_depth[17] - 1.0 / 4.02).abs() < 1e-6);
+        assert!((answers.parallax[17] - 0.25).abs() < 1e-3, "one unit beside at a distance of four");
+    }
+
+    #[test]
+    fn a_surface_behind_the_point_is_told_from_one_before_it() {
+        let options = FuseOptions::default();
+        let behind = |depth| answer(&wall(1.0, depth, &options), 50.5, 0.25, &options).behind[17];
+        assert!((behind(5.0) - 0.2).abs() < 1e-5, "4 of 5");
+        assert!(behind(4.0).abs() < 1e-5 && behind(3.0) < 0.0);
+        let mut edge = Grid::filled(SIZE, 8.0);
+        edge[(25, 30)] = 4.0;
+        let source = view(1.0, edge, &options);
+        assert!(answer(&source, 50.5, 0.25, &options).behind[17] <= 1e-5, "one of the pixels around is near");
+    }
+
+    #[test]
+    fn samples_interpolate_on_a_surface_and_not_across_an_edge() {
+        let options = FuseOptions::default();
+        let slope = |x: usize| if x < 2 { 1.0 / (1.0 + 0.008 * x as f32) } else { 5.0 };
+        let source = view(0.0, Grid::from_fn(Size::new(4, 60), |x, _| slope(x)), &options);
+        let at = |x| answer(&source, x, 1.0, &options);
+        for (x, expected) in [(1.0, 1.004), (0.0, 0.996), (1.9, 1.008), (2.1, 0.2)] {
+            let found = at(x).inverse_depth[17];
+            assert!((found - expected).abs() < 1e-6, "{x}: {found}");
+        }
+        assert_eq!([at(0.0), at(1.9), at(3.9)].map(|answers| answers.pixel[17] % 4), [0, 1, 3]);
+        for x in [-0.01, 4.0, f32::NAN] {
+            assert_eq!(at(x).agreeing(), 0);
+        }
+    }
+}
