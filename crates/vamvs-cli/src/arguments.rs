@@ -323,13 +323,19 @@ pub struct DepthFlags {
     /// auto, cpu, cuda or cuda:N [default: auto].
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
-    /// A quick look at a capture, in about a fifteenth of the time: photographs of half their size, 640 pixels at
-    /// most, --cells 8 and --iterations 2, each of which may still be given.
+    /// A quick look at a capture: photographs of half their size, 640 pixels at most, --cells 8 and --iterations 2, each
+    /// of which may still be given, and --no-refine.
     #[arg(long)]
     pub preview: bool,
-    /// Longer side to which larger photographs are reduced, pixels [default: 1280].
+    /// Longer side to which larger photographs are reduced, pixels: the size of depth maps [default: 2000].
     #[arg(long, value_name = "PIXELS")]
     pub max_size: Option<usize>,
+    /// Longer side to which the network sees larger photographs reduced, pixels [default: 1280].
+    #[arg(long, value_name = "PIXELS")]
+    pub network_size: Option<usize>,
+    /// Depth maps as the network gives them, a fraction of their photographs' size, without normals.
+    #[arg(long)]
+    pub no_refine: bool,
     /// Smaller photographs are enlarged up to so many times, but not beyond --max-size, and depth maps with them; 2
     /// takes four times the time [default: 1].
     #[arg(long, value_name = "TIMES")]

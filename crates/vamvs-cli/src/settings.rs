@@ -221,6 +221,8 @@ mod depth {
             set(&mut self.device, flags.device.clone().map(Some));
             let depth = &mut self.depth;
             set(&mut depth.max_size, flags.max_size);
+            set(&mut depth.network_size, flags.network_size);
+            depth.refine &= !flags.no_refine;
             set(&mut depth.enlarge, flags.enlarge);
             set(&mut depth.min_brightness, flags.min_brightness);
             set(&mut depth.max_brightness, flags.max_brightness);

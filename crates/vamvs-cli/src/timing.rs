@@ -39,6 +39,7 @@ impl Timing {
             let name = format!("{stage:?}").to_lowercase();
             self.add(&format!("network: {name}"), summary.profile.spent(stage));
         }
+        self.add("refinement", summary.refining);
         self.add("writing maps", summary.writing);
     }
 

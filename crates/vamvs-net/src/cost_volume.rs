@@ -11,6 +11,7 @@ use crate::native::transfer::Transfer;
 use crate::native::{self, Level, in_memory};
 use crate::profile::{Profile, Stage};
 use crate::project::{Outside, PixelLattice, Projection, depth_of, sample};
+use crate::script::Mode;
 use crate::slabs::Slabs;
 use crate::{Aggregation, EncodedView, NetError, Network};
 
@@ -82,7 +83,7 @@ pub fn sweep(swept: &Swept<'_>, seen: Option<Vec<Tensor>>) -> Result<CostVolume,
 /// As [`sweep`].
 pub fn costs(swept: &Swept<'_>, seen: Option<Vec<Tensor>>, profile: &mut Profile) -> Result<Costs, NetError> {
     let network = swept.network;
-    let learns = swept.reference.coarse[swept.level].requires_grad();
+    let learns = network.mode() == Mode::Training || swept.reference.coarse[swept.level].requires_grad();
     if !network.manifest().slabs || learns {
         let CostVolume { volume, visibility } = profile.time(Stage::Sweep, || sweep(swept, seen))?;
         let costs = profile.time(Stage::Regularize, || network.regularize(&volume))?;

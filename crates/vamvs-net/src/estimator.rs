@@ -47,6 +47,16 @@ const SLABS: usize = 6;
 /// resolution.
 const VOLUMES: usize = 4;
 
+/// The same of a volume of correlations, which has fewer channels than the layers.
+const CORRELATIONS: usize = 6;
+
+/// What regularising takes that is done slab by slab, in outputs of the first layers.
+const LAYERS: usize = 10;
+
+/// Planes that wait for the first layers at least, and how often they are held.
+const WAITING_PLANES: usize = 10;
+const WAITING: usize = 4;
+
 /// What the flow takes for each point, as a multiple of its channels.
 const POINTS: usize = 4;
 
@@ -156,24 +166,38 @@ impl Estimator {
     /// About the most memory that a depth map takes, bytes, features of its photographs included, beside what the
     /// loaded network takes: of `views` photographs of `size` pixels, with `planes` planes.
     ///
-    /// That is the features of all views and the largest of: encoding a photograph; the cost volume with the slabs
-    /// that go into it; regularising the volume; the points of a strip. The factors are measured on the networks
-    /// that are built in, where the estimate is between 0.8 and 1.4 of the peak.
+    /// That is the features of all views and the largest of: encoding a photograph; the sweep; regularising its volume;
+    /// the points of a strip. The factors are measured on the networks that are built in, where the estimate is
+    /// between 0.9 and 1.3 of the peak.
     #[must_use]
     pub fn peak_bytes(&self, size: Size, views: usize, planes: usize) -> usize {
-        let (widths, value) = (self.network.widths(), size_of::<f32>());
-        let enlarge = self.network.enlarge();
-        let cells = size.width.div_ceil(COARSE_SCALE) * size.height.div_ceil(COARSE_SCALE) * enlarge.pow(2);
-        let wide = if enlarge > 1 { cells / 4 * widths.coarse } else { 0 };
-        let features = views * (cells * (widths.features * value + PHOTOGRAPHS) + wide * value);
+        let (widths, value, enlarge) = (self.network.widths(), size_of::<f32>(), self.network.enlarge());
+        let at = |stride: usize| size.width.div_ceil(stride) * size.height.div_ceil(stride) * enlarge.pow(2);
+        let (blocks, cells) = (at(COARSE_SCALE), at(self.network.manifest().stride));
+        let wide = if enlarge > 1 { blocks / 4 * widths.coarse } else { 0 };
+        let features = views * (blocks * (widths.features * value + PHOTOGRAPHS) + wide * value);
         let encoding = ENCODING * size.area() * enlarge.pow(2);
-        let volume = widths.volume * planes * cells * value;
-        let warped = widths.coarse * planes * cells * value;
-        let sweep = volume + SLABS * self.options.slab_bytes.min(warped);
         let hypotheses = 2 * self.network.manifest().hypotheses + 1;
         let points = self.options.strip_points.min(cells * hypotheses);
         let flow = POINTS * points * widths.point * value;
-        features + encoding.max(sweep).max(VOLUMES * volume).max(flow)
+        features + encoding.max(self.coarse_bytes(cells, planes)).max(flow)
+    }
+
+    /// What the coarse stage takes for a map of `cells`, bytes.
+    fn coarse_bytes(&self, cells: usize, planes: usize) -> usize {
+        let (widths, value) = (self.network.widths(), size_of::<f32>());
+        let volume = widths.volume * planes * cells * value;
+        if self.network.manifest().aggregation.correlates() {
+            return CORRELATIONS * volume;
+        }
+        let plane = widths.coarse * cells * value;
+        let slab = self.options.slab_bytes.clamp(plane, planes * plane);
+        if !self.network.manifest().slabs {
+            return (volume + SLABS * slab).max(VOLUMES * volume);
+        }
+        let waiting = (slab / plane).max(WAITING_PLANES) * widths.volume * cells * value;
+        let first_layers = widths.first_layers * planes * cells * value;
+        (first_layers + SLABS * slab + WAITING * waiting).max(LAYERS * first_layers)
     }
 
     /// The depth map of `reference` by comparison with `sources` on `planes`, at the scale of the last
@@ -192,6 +216,27 @@ impl Estimator {
         tch::no_grad(|| {
             let stages = self.stages(reference, sources, planes, None, profile)?;
             self.depth_map(reference, planes, &stages)
+        })
+    }
+
+    /// As [`Estimator::estimate`], with what each source view sees of the reference's pixels, in [0, 1], at the coarse
+    /// resolution; empty unless the aggregation weighs views.
+    ///
+    /// # Errors
+    /// As [`Estimator::estimate`].
+    pub fn estimate_seen(
+        &self,
+        reference: &EncodedView,
+        sources: &[&EncodedView],
+        planes: &Planes,
+        profile: &mut Profile,
+    ) -> Result<(DepthMap, Vec<Grid<f32>>), NetError> {
+        self.check(sources, planes)?;
+        tch::no_grad(|| {
+            let (stages, masks) = self.stages_seen(reference, sources, planes, None, profile)?;
+            let grid = |mask: &Tensor| to_grid(&mask.f_squeeze_dims([0, 1].as_slice())?);
+            let seen = masks.iter().map(grid).collect::<Result<_, _>>()?;
+            Ok((self.depth_map(reference, planes, &stages)?, seen))
         })
     }
 
@@ -219,6 +264,18 @@ impl Estimator {
         seen: Option<Vec<Tensor>>,
         profile: &mut Profile,
     ) -> Result<Vec<PlaneMap>, NetError> {
+        Ok(self.stages_seen(reference, sources, planes, seen, profile)?.0)
+    }
+
+    /// The same, and the masks of the coarse stage.
+    fn stages_seen(
+        &self,
+        reference: &EncodedView,
+        sources: &[&EncodedView],
+        planes: &Planes,
+        seen: Option<Vec<Tensor>>,
+        profile: &mut Profile,
+    ) -> Result<(Vec<PlaneMap>, Vec<Tensor>), NetError> {
         let Coarse { map, visibility, .. } = self.coarse(reference, sources, planes, seen, profile)?;
         let mut stages = vec![self.completed(map, reference, planes, profile)?];
         for iteration in self.iterations() {
@@ -226,7 +283,7 @@ impl Estimator {
             let refined = self.iterate(&stage, &stages[stages.len() - 1].u, profile)?;
             stages.push(refined);
         }
-        Ok(stages)
+        Ok((stages, visibility))
     }
 
     /// One iteration on the map before it, and what the network asks for around it.

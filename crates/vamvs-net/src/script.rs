@@ -26,6 +26,7 @@ pub enum Mode {
 pub struct Network {
     module: CModule,
     manifest: Manifest,
+    mode: Mode,
     device: Device,
     name: String,
     widths: Widths,
@@ -40,6 +41,8 @@ pub(crate) struct Widths {
     pub coarse: usize,
     /// Channels of the cost volume.
     pub volume: usize,
+    /// Values that the first layers keep of a cell and plane of a volume that is regularised slab by slab.
+    pub first_layers: usize,
     /// Channels of a point: fetched, related and its position.
     pub point: usize,
 }
@@ -82,7 +85,8 @@ impl Network {
             source: Libtorch(source),
         })?;
         let manifest = Manifest::parse(&text, &name)?;
-        let mut network = Self { module, manifest, device, name, widths: Widths::default() };
+        let mut network =
+            Self { module, manifest, mode: Mode::Evaluation, device, name, widths: Widths::default() };
         network.widths = tch::no_grad(|| network.probe())?;
         Ok(network)
     }
@@ -112,7 +116,14 @@ impl Network {
             Mode::Training => self.module.f_set_train()?,
             Mode::Evaluation => self.module.f_set_eval()?,
         }
+        self.mode = mode;
         Ok(())
+    }
+
+    /// How normalisation layers behave now.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        self.mode
     }
 
     /// Gives the module another manifest, such as one that tells what it was trained on.
@@ -169,12 +180,12 @@ impl Network {
             Some(level) => levels[level].shallow_clone(),
             None => self.encode_coarse(&image)?,
         };
-        let volume = self.probe_volume(&coarse)?;
+        let (volume, first_layers) = self.probe_volume(&coarse)?;
         let point = self.probe_flow(&levels)?;
         // Where one pyramid serves both stages its features are held once.
         let own = self.shared_level().is_none().then_some(&coarse);
         let features = levels.iter().chain(own).map(Tensor::numel).sum::<usize>() / (SIDE * SIDE) as usize;
-        Ok(Widths { features, coarse: coarse.size()[1] as usize, volume, point })
+        Ok(Widths { features, coarse: coarse.size()[1] as usize, volume, first_layers, point })
     }
 
     /// Which of the three levels of `encode_flow` are the coarse features, if one pyramid serves both stages.
@@ -183,8 +194,8 @@ impl Network {
         aggregation.correlates().then(|| usize::from(stride == COARSE_SCALE) + 1)
     }
 
-    /// The coarse stage on tiny features (1, C, h, w): the channels of its volume.
-    fn probe_volume(&self, coarse: &Tensor) -> Result<usize, NetError> {
+    /// The coarse stage on tiny features (1, C, h, w): the channels of its volume, and what the first layers keep of it.
+    fn probe_volume(&self, coarse: &Tensor) -> Result<(usize, usize), NetError> {
         let aggregation = self.manifest.aggregation;
         let (_, channels, h, w) = coarse.size4()?;
         let planes = 8;
@@ -208,12 +219,14 @@ impl Network {
         self.check_averaged(volume_channels)?;
         let volume = Tensor::f_rand([1, volume_channels, planes, h, w], (Kind::Float, self.device))?;
         let _costs = self.regularize(&volume)?;
+        let mut first_layers = 0;
         if self.manifest.slabs {
             let mut slabs = Slabs::new(self, planes as usize);
             slabs.add(&volume)?;
+            first_layers = slabs.values() / volume.f_select(1, 0)?.numel();
             let _costs = slabs.finish()?;
         }
-        Ok(volume_channels as usize)
+        Ok((volume_channels as usize, first_layers))
     }
 
     /// The flow on a few points: the channels of a point.

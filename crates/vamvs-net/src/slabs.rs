@@ -51,6 +51,11 @@ impl<'a> Slabs<'a> {
         self.process(AT_ONCE)
     }
 
+    /// Values that the first layers have given so far.
+    pub fn values(&self) -> usize {
+        self.full.iter().chain(&self.half).map(Tensor::numel).sum()
+    }
+
     /// The planes beyond the last: it is repeated up to the multiple, and what follows is zero.
     fn end(&mut self) -> Result<(), TchError> {
         let slab = &self.waiting[self.waiting.len() - 1];

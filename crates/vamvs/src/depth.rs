@@ -4,15 +4,20 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
+use nalgebra::Vector3;
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Planes, Rgb, Scene, Size, Source};
 use vamvs_io::image;
 use vamvs_net::{EncodedView, Estimator, Profile};
+use vamvs_refine::Refined;
 
+use crate::ceiling::Ceiling;
 use crate::feature_cache::{Encoded, FeatureCache};
 use crate::fit::most_bytes;
 use crate::identity::Identity;
+use crate::memory;
 use crate::output::{LeftOut, Record, SavedMap, names};
+use crate::refinement::{BYTES_PER_PIXEL, Refinement, Seed, shares};
 use crate::{DepthOptions, Event, OutputFolder, Photographs, Plan, VamvsError, ViewPlan};
 
 /// Pixels around a region of interest that are computed too, so that its border has neighbours.
@@ -37,6 +42,8 @@ pub struct DepthSummary {
     pub profile: Profile,
     /// Time to find out what is there already, and to read, undistort and reduce photographs.
     pub reading: Duration,
+    /// Time to refine depth maps to the size of their photographs.
+    pub refining: Duration,
     /// Time to write depth maps.
     pub writing: Duration,
 }
@@ -74,14 +81,28 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
     let begin = Instant::now();
     let identity = Identity::new(job.module, job.estimator, job.scene, job.photographs);
     let summary = DepthSummary { reading: begin.elapsed(), ..DepthSummary::default() };
-    let for_maps = most_bytes(job.plan, job.estimator);
+    let for_maps = most_bytes(job.plan, job.estimator).max(refinement_bytes(job));
     let capacity = job.options.max_memory.left().saturating_sub(for_maps) as usize;
     let features = FeatureCache::new(job.scene, job.photographs.clone(), job.estimator.network(), capacity);
-    let mut run =
-        Run { job, names, identity, features, unusable: BTreeMap::new(), left_out: BTreeSet::new(), summary };
+    let refinement = job.options.refine.then(|| Refinement::new(job.scene, job.photographs));
+    let (unusable, left_out) = (BTreeMap::new(), BTreeSet::new());
+    let ceiling = Ceiling::new(job.options.max_memory, for_maps);
+    let mut run = Run { job, names, identity, features, refinement, ceiling, unusable, left_out, summary };
     run.views(on_event)?;
     run.summary.reading += run.features.reading;
+    if let Some(refinement) = &run.refinement {
+        run.summary.reading += refinement.reading;
+        run.summary.refining += refinement.refining;
+    }
     run.finish()
+}
+
+/// What refining the largest depth map takes, bytes.
+fn refinement_bytes(job: &DepthJob) -> u64 {
+    let full = job.photographs.full();
+    let area = |view: &vamvs_core::View| full.working_camera(&view.camera).size.area() as u64;
+    let largest = job.scene.views.iter().map(area).max().unwrap_or(0);
+    if job.options.refine { largest * BYTES_PER_PIXEL } else { 0 }
 }
 
 /// Makes the output folder for the views that will have a depth map; [`estimate`] does it too.
@@ -119,6 +140,8 @@ struct Run<'a> {
     names: Vec<String>,
     identity: Identity,
     features: FeatureCache<'a>,
+    refinement: Option<Refinement<'a>>,
+    ceiling: Ceiling,
     /// Views whose photographs cannot be used, with the reason.
     unusable: BTreeMap<usize, String>,
     left_out: BTreeSet<usize>,
@@ -133,10 +156,17 @@ enum Outcome {
     LeftOut(String),
 }
 
-/// A view's depth maps, each with its photograph, and what is kept of how they were made.
+/// A view's depth maps, and what is kept of how they were made.
 struct Made {
-    maps: Vec<(DepthMap, Grid<Rgb>)>,
+    maps: Vec<MadeMap>,
     record: Record,
+}
+
+/// A depth map with its photograph and, if it was refined, its normals in the world.
+struct MadeMap {
+    map: DepthMap,
+    colour: Grid<Rgb>,
+    normals: Option<Grid<[f32; 3]>>,
 }
 
 impl Run<'_> {
@@ -146,6 +176,7 @@ impl Run<'_> {
         for (view, plan) in self.job.plan.views.iter().enumerate() {
             let name = self.job.scene.views[view].name.clone();
             let begin = Instant::now();
+            self.stay_below_ceiling(on_event);
             let outcome = match plan {
                 Ok(plan) => self.view(view, plan, on_event)?,
                 Err(reason) => Outcome::LeftOut(reason.clone()),
@@ -227,8 +258,8 @@ impl Run<'_> {
             return Ok(Outcome::Resumed);
         }
         let begin = Instant::now();
-        for (name, (map, colour)) in self.map_names(view).iter().zip(&maps) {
-            let saved = SavedMap { map, range: plan.planes.range, colour };
+        for (name, MadeMap { map, colour, normals }) in self.map_names(view).iter().zip(&maps) {
+            let saved = SavedMap { map, range: plan.planes.range, colour, normals: normals.as_ref() };
             self.job.output.save(name, &saved, &record)?;
         }
         self.summary.writing += begin.elapsed();
@@ -262,9 +293,13 @@ impl Run<'_> {
     ) -> Result<Made, VamvsError> {
         let reference = self.encoded(view, profile, on_event)?;
         let mut sources = Vec::with_capacity(plan.sources.len());
+        let mut used = Vec::with_capacity(plan.sources.len());
         for &source in &plan.sources {
             match self.encoded(source, profile, on_event) {
-                Ok(encoded) => sources.push(encoded),
+                Ok(encoded) => {
+                    sources.push(encoded);
+                    used.push(source);
+                }
                 Err(error) if error.is_out_of_memory() => return Err(error),
                 Err(_) => {} // It is told where its own turn comes.
             }
@@ -275,7 +310,7 @@ impl Run<'_> {
         let planned_size = self.job.plan.cameras[view].size;
         let region = plan.region.map(|region| rescaled(region, planned_size, reference.photo.camera.size));
         let region = if plan.foveated { region } else { unmasked(region, &reference.photo) };
-        let maps = self.maps(&reference, &sources, (plan, region), profile)?;
+        let (maps, visibility) = self.maps(&reference, &sources, (plan, region), profile)?;
         if plan.region.is_none() {
             let name = &self.job.scene.views[view].name;
             maps.iter().for_each(|map| warn_of_range_ends(name, map, &plan.planes, on_event));
@@ -284,10 +319,37 @@ impl Run<'_> {
             let size = map.depth.size();
             let scale = map.scale_in(&reference.photo.camera);
             let colour = image::resize(&covered(&reference.photo.image, size, scale), size);
-            (map, colour)
+            MadeMap { map, colour, normals: None }
         };
-        let maps = maps.into_iter().map(with_colour).collect();
+        let mut maps: Vec<MadeMap> = maps.into_iter().map(with_colour).collect();
+        drop(sources);
+        if let (Some(refinement), Some(finest)) = (&mut self.refinement, maps.last_mut()) {
+            let region = region.filter(|_| plan.region.is_some());
+            let region = region.map(|region| shares(region, reference.photo.camera.size));
+            // Of a view far from the region there is the coarse map alone, which stays coarse.
+            if !plan.foveated || region.is_some() {
+                let seed = Seed { map: &finest.map, visibility: &visibility, region };
+                *finest = refined(refinement.refine(view, &used, &seed)?);
+            }
+        }
         Ok(Made { maps, record: self.record(view, &self.usable(plan)) })
+    }
+
+    /// Gives memory back and then drops what is kept, where the next depth map would not fit beneath the ceiling.
+    fn stay_below_ceiling(&mut self, on_event: &mut dyn FnMut(Event)) {
+        if self.ceiling.has_room() {
+            return;
+        }
+        memory::give_back();
+        if self.ceiling.has_room() {
+            return;
+        }
+        self.features.clear();
+        self.refinement.iter_mut().for_each(Refinement::clear);
+        memory::give_back();
+        if let Some(warning) = self.ceiling.warning() {
+            on_event(Event::Warning(warning));
+        }
     }
 
     /// Makes one depth map without features of other views in memory, or if that does not suffice, a smaller one.
@@ -347,7 +409,12 @@ impl Run<'_> {
 
     fn record(&self, view: usize, plan: &ViewPlan) -> Record {
         Record {
-            made_of: self.identity.of(view, plan, &self.features.photographs),
+            made_of: self.identity.of(
+                view,
+                plan,
+                &self.features.photographs,
+                self.refinement.as_ref().map(Refinement::options),
+            ),
             planes: Some(plan.planes),
             sources: plan.sources.iter().map(|&source| self.names[source].clone()).collect(),
         }
@@ -359,15 +426,20 @@ impl Run<'_> {
         sources: &[Rc<Encoded>],
         (plan, region): (&ViewPlan, Option<PixelBox>),
         profile: &mut Profile,
-    ) -> Result<Vec<DepthMap>, VamvsError> {
+    ) -> Result<(Vec<DepthMap>, Vec<Grid<f32>>), VamvsError> {
         let (estimator, planes) = (self.job.estimator, &plan.planes);
         let sources: Vec<&EncodedView> = sources.iter().map(|source| &source.features).collect();
         let photo = &reference.photo;
+        let mut visibility = Vec::new();
         let mut maps = match region {
             _ if plan.foveated => {
                 estimator.estimate_foveated(&reference.features, &sources, planes, region, profile)?
             }
-            None => vec![estimator.estimate(&reference.features, &sources, planes, profile)?],
+            None => {
+                let (map, seen) = estimator.estimate_seen(&reference.features, &sources, planes, profile)?;
+                visibility = seen;
+                vec![map]
+            }
             Some(region) => {
                 let (part, place) = reference.features.cropped(&widened(region, photo.camera.size))?;
                 let map = estimator.estimate(&part, &sources, planes, profile)?;
@@ -377,8 +449,17 @@ impl Run<'_> {
         if let Some(mask) = &photo.mask {
             maps.iter_mut().for_each(|map| remove_masked(map, mask, map.scale_in(&photo.camera)));
         }
-        Ok(maps)
+        Ok((maps, visibility))
     }
+}
+
+/// A refined depth map with its photograph.
+fn refined((Refined { mut map, normals, .. }, photo): (Refined, Rc<Photo>)) -> MadeMap {
+    // What the network's coarse stage was sure of is in the confidence.
+    map.coarse_confidence = None;
+    let world_from_cam = map.cam_from_world.rotation.transpose().cast::<f32>();
+    let in_world = |normal: &[f32; 3]| (world_from_cam * Vector3::from(*normal)).into();
+    MadeMap { colour: photo.image.clone(), normals: Some(normals.map(in_world)), map }
 }
 
 /// Leaves no depth where the mask of the photograph says not to look.

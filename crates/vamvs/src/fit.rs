@@ -72,7 +72,7 @@ fn longest_side(plan: &Plan) -> usize {
     plan.cameras.iter().map(|camera| camera.size.width.max(camera.size.height)).max().unwrap_or(0)
 }
 
-/// What the largest depth map takes, bytes.
+/// What the largest depth map takes, bytes, refinement not included, which begins when that is free again.
 pub(crate) fn most_bytes(plan: &Plan, estimator: &Estimator) -> u64 {
     let bytes = |(view, planned): (usize, &ViewPlan)| {
         estimator.peak_bytes(plan.cameras[view].size, planned.sources.len() + 1, planned.planes.count) as u64

@@ -2,6 +2,7 @@
 
 use vamvs_core::{Scene, View};
 use vamvs_net::{Estimator, EstimatorOptions};
+use vamvs_refine::RefineOptions;
 
 use crate::{Photographs, ViewPlan};
 
@@ -29,12 +30,22 @@ impl Identity {
         Self { common, views: scene.views.par_iter().map(|view| hash_view(view, photographs)).collect() }
     }
 
-    /// The hash of what makes the depth map of `view` by `plan`, of photographs of the size that `photographs` have.
-    pub fn of(&self, view: usize, plan: &ViewPlan, photographs: &Photographs) -> String {
+    /// The hash of what makes the depth map of `view` by `plan`, of photographs of the size that `photographs` have, and
+    /// how it is refined, if it is.
+    pub fn of(
+        &self,
+        view: usize,
+        plan: &ViewPlan,
+        photographs: &Photographs,
+        refined: Option<&RefineOptions>,
+    ) -> String {
         let mut hasher = blake3::Hasher::new();
         let (max_size, enlarge) = (photographs.max_size(), photographs.enlarge());
         let sized = format!("{} {max_size} {enlarge} {:?}", self.common, photographs.brightness());
         hasher.update(sized.as_bytes());
+        if let Some(options) = refined {
+            hasher.update(format!("{} {options:?}", photographs.full_size()).as_bytes());
+        }
         hasher.update(format!("{:?} {:?} {}", plan.planes, plan.region, plan.foveated).as_bytes());
         for view in std::iter::once(view).chain(plan.sources.iter().copied()) {
             hasher.update(self.views[view].as_bytes());

@@ -2,7 +2,8 @@
 //!
 //! This is the face of the library, what other programs embed. In the order in which data flows:
 //! [`input`] reads a scene, [`plan`](mod@plan) decides for each view its source views, depth range and
-//! planes, [`depth`] estimates the depth maps with the network and keeps them in an [`output`] folder,
+//! planes, [`depth`] estimates the depth maps with the network, refines them to the size of their photographs and keeps
+//! them in an [`output`] folder,
 //! [`maps`] reads depth maps, these or those of other programs, [`fuse`](mod@fuse) merges them into a cloud and
 //! [`export`] hands on to other programs. [`report`] shows a run on a page, [`eval`] measures results against truth. Progress comes as
 //! [`Event`]s; nothing here prints.
@@ -10,6 +11,8 @@
 //! Without the feature `net` the crate builds and runs without libtorch, and everything but [`depth`]
 //! is there.
 
+#[cfg(feature = "net")]
+mod ceiling;
 #[cfg(feature = "net")]
 pub mod depth;
 pub mod error;
@@ -30,6 +33,8 @@ pub mod options;
 pub mod output;
 pub mod photographs;
 pub mod plan;
+#[cfg(feature = "net")]
+mod refinement;
 pub mod report;
 #[cfg(feature = "net")]
 pub mod weights;
@@ -56,3 +61,4 @@ pub use vamvs_fusion as fusion;
 pub use vamvs_io as io;
 #[cfg(feature = "net")]
 pub use vamvs_net as net;
+pub use vamvs_refine as refine;

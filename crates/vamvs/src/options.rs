@@ -13,8 +13,13 @@ pub(crate) const MIN_SIZE: usize = 64;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct DepthOptions {
-    /// Longer side to which larger photographs are reduced, pixels.
+    /// Longer side to which larger photographs are reduced, pixels: the size of refined depth maps.
     pub max_size: usize,
+    /// Longer side to which the network sees larger photographs reduced, pixels.
+    pub network_size: usize,
+    /// Whether depth maps are refined to the size of their photographs, or stay at that of the network's last
+    /// iteration.
+    pub refine: bool,
     /// Smaller photographs are enlarged up to so many times, 1 to 8, but not beyond `max_size`.
     pub enlarge: f64,
     /// Pixels all of whose channels are darker, grey values, count as masked: a black backdrop. 0: none.
@@ -50,7 +55,9 @@ pub struct DepthOptions {
 impl Default for DepthOptions {
     fn default() -> Self {
         Self {
-            max_size: 1280,
+            max_size: 2000,
+            network_size: 1280,
+            refine: true,
             enlarge: 1.0,
             min_brightness: 0,
             max_brightness: 255,
@@ -70,13 +77,14 @@ impl Default for DepthOptions {
 
 impl DepthOptions {
     /// The same options for a quick look at a capture, whose largest photograph has `longer` pixels on its
-    /// longer side: half the usual size, cells of 8 pixels and two flow iterations, so that depth maps have a quarter
-    /// of the usual size. Planes that are chosen from the cameras are fewer then too. The preview of a preview is
+    /// longer side: half the network's usual size, cells of 8 pixels and two flow iterations, and no
+    /// refinement, so that depth maps have an eighth of the photograph's size. Planes that are chosen from the cameras are fewer then too. The preview of a preview is
     /// itself.
     #[must_use]
     pub fn preview(self, longer: usize) -> Self {
-        let half = (Self::default().max_size.min(longer) / 2).max(MIN_SIZE);
-        Self { max_size: self.max_size.min(half), cells: Some(8), iterations: Some(2), ..self }
+        let half = (Self::default().network_size.min(longer) / 2).max(MIN_SIZE);
+        let max_size = self.max_size.min(half);
+        Self { max_size, cells: Some(8), iterations: Some(2), refine: false, ..self }
     }
 }
 

@@ -52,6 +52,8 @@ pub struct SavedMap<'a> {
     pub range: DepthRange,
     /// The photograph at the depth map's size.
     pub colour: &'a Grid<Rgb>,
+    /// Unit normals in the world's frame, 0 where there is no depth; `None` if nobody tells them.
+    pub normals: Option<&'a Grid<[f32; 3]>>,
 }
 
 impl OutputFolder {
@@ -153,7 +155,9 @@ impl OutputFolder {
     /// If a folder cannot be made, or the folder holds depth maps of other views.
     pub fn prepare(&self, names: &[&str]) -> Result<(), VamvsError> {
         self.expect_only(names)?;
-        for folder in ["cams", "images", "depths", "confidence", "."].map(|folder| self.root.join(folder)) {
+        for folder in
+            ["cams", "images", "depths", "confidence", "normals", "."].map(|folder| self.root.join(folder))
+        {
             let failed = |source| IoError::System { action: "make the folder", path: folder.clone(), source };
             std::fs::create_dir_all(&folder).map_err(failed)?;
             remove_unfinished(&folder)?;
@@ -239,6 +243,9 @@ impl OutputFolder {
         if let Some(coarse) = &map.coarse_confidence {
             pfm::write(&self.coarse_confidence(name), coarse)?;
         }
+        if let Some(normals) = saved.normals {
+            pfm::write_rgb(&self.normals(name), normals)?;
+        }
         pfm::write(&self.depth(name), &map.depth)?;
         mvsnet::write_cam(&self.cam(name), &map.camera, &map.cam_from_world, Some(saved.range))?;
         write_json(&self.record(name), record)
@@ -251,7 +258,10 @@ impl OutputFolder {
     pub fn discard(&self, name: &str) -> Result<(), VamvsError> {
         let files =
             [self.record(name), self.cam(name), self.depth(name), self.confidence(name), self.image(name)];
-        files.iter().chain(&[self.coarse_confidence(name)]).try_for_each(|file| remove(file))
+        files
+            .iter()
+            .chain(&[self.coarse_confidence(name), self.normals(name)])
+            .try_for_each(|file| remove(file))
     }
 
     /// The record of a view's depth map, if there is a complete one.
@@ -271,9 +281,17 @@ impl OutputFolder {
             mvsnet::read_cam(&self.cam(name), &mvsnet::Options::default())?;
             let coarse = self.coarse_confidence(name);
             let coarse = coarse.is_file().then(|| pfm::read(&coarse)).transpose()?;
+            let normals = self.normals(name);
+            let normals = normals.is_file().then(|| pfm::read_rgb(&normals)).transpose()?;
             let maps = [pfm::read_depth(&self.depth(name))?, pfm::read(&self.confidence(name))?];
             let colour = image::load_rgb(&self.image(name))?;
-            Ok(maps.iter().chain(&coarse).map(Grid::size).chain([colour.size()]).collect())
+            Ok(maps
+                .iter()
+                .chain(&coarse)
+                .map(Grid::size)
+                .chain([colour.size()])
+                .chain(normals.map(|map| map.size()))
+                .collect())
         };
         sizes().is_ok_and(|sizes| sizes.iter().all(|size| *size == sizes[0]))
     }

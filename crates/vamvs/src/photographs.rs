@@ -14,19 +14,26 @@ use crate::{DepthOptions, VamvsError};
 pub struct Photographs {
     images: PathBuf,
     masks: Masks,
+    /// Longer side of the photographs that the network sees, pixels.
     max_size: usize,
+    /// Longer side of the photographs that depth maps are refined to, pixels.
+    full_size: usize,
     enlarge: f64,
     /// The darkest and the brightest grey value that a pixel of a thing has.
     brightness: [u8; 2],
 }
 
 impl Photographs {
-    /// Photographs in `images`, with their masks (0 = ignore), at the size that the options ask for.
+    /// Photographs in `images`, with their masks (0 = ignore), at the size that the options ask for: that at which the
+    /// network sees them.
     #[must_use]
     pub fn new(images: &Path, masks: Masks, options: &DepthOptions) -> Self {
-        let DepthOptions { max_size, enlarge, min_brightness, max_brightness, .. } = *options;
+        let DepthOptions {
+            max_size: full_size, network_size, enlarge, min_brightness, max_brightness, ..
+        } = *options;
         let brightness = [min_brightness, max_brightness];
-        Self { images: images.to_owned(), masks, max_size, enlarge, brightness }
+        let max_size = full_size.min(network_size);
+        Self { images: images.to_owned(), masks, max_size, full_size, enlarge, brightness }
     }
 
     /// The same photographs, reduced to `max_size` pixels on the longer side.
@@ -35,7 +42,19 @@ impl Photographs {
         Self { max_size, ..self.clone() }
     }
 
-    /// Pixels on the longer side to which photographs are reduced.
+    /// The same photographs, at the size to which depth maps are refined.
+    #[must_use]
+    pub fn full(&self) -> Self {
+        Self { max_size: self.full_size, ..self.clone() }
+    }
+
+    /// Pixels on the longer side to which photographs are reduced before depth maps are refined to them.
+    #[cfg(feature = "net")]
+    pub(crate) fn full_size(&self) -> usize {
+        self.full_size
+    }
+
+    /// Pixels on the longer side to which photographs are reduced for the network.
     #[must_use]
     pub fn max_size(&self) -> usize {
         self.max_size
@@ -149,7 +168,7 @@ mod tests {
     #[test]
     fn large_photographs_are_reduced_and_small_ones_enlarged_up_to_the_size_asked_for() {
         let sized = |enlarge: f64, size: Size| {
-            let options = DepthOptions { max_size: 1280, enlarge, ..DepthOptions::default() };
+            let options = DepthOptions { enlarge, ..DepthOptions::default() };
             Photographs::new(Path::new("images"), Masks::None, &options).working_size(size)
         };
         assert_eq!(sized(1.0, Size::new(3000, 2000)), Size::new(1280, 853));

@@ -77,6 +77,12 @@ fn check(options: &DepthOptions) -> Result<(), VamvsError> {
     if options.max_size < MIN_SIZE {
         return wrong(format!("max-size must be at least {MIN_SIZE} pixels, got {}", options.max_size));
     }
+    if options.network_size < MIN_SIZE {
+        return wrong(format!(
+            "network-size must be at least {MIN_SIZE} pixels, got {}",
+            options.network_size
+        ));
+    }
     if !(1.0..=8.0).contains(&options.enlarge) {
         return wrong(format!("enlarge must be from 1 to 8, got {}", options.enlarge));
     }

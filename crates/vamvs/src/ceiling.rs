@@ -1,0 +1,39 @@
+//! Keeping a run beneath its ceiling of memory.
+
+use crate::MemoryLimit;
+use crate::memory::{resident_bytes, spelled};
+
+/// Watches what the process holds between depth maps.
+pub(crate) struct Ceiling {
+    /// The most that the process may hold, bytes.
+    limit: u64,
+    /// What the next depth map takes beside what is kept, bytes.
+    needed: u64,
+    warned: bool,
+}
+
+impl Ceiling {
+    /// The ceiling of a run whose depth maps take `needed` bytes each.
+    pub fn new(limit: MemoryLimit, needed: u64) -> Self {
+        Self { limit: limit.bytes(), needed, warned: false }
+    }
+
+    /// Whether the next depth map fits, or the system does not tell.
+    pub fn has_room(&self) -> bool {
+        resident_bytes().is_none_or(|held| held.saturating_add(self.needed) <= self.limit)
+    }
+
+    /// What to tell the user, once, where nothing more can be given up.
+    pub fn warning(&mut self) -> Option<String> {
+        let tight = !self.has_room() && !std::mem::replace(&mut self.warned, true);
+        tight.then(|| {
+            format!(
+                "memory is short: a depth map takes about {} beside the {} that are in use, and {} are allowed \
+                 (--max-memory); features of photographs are not kept",
+                spelled(self.needed),
+                spelled(resident_bytes().unwrap_or(0)),
+                spelled(self.limit)
+            )
+        })
+    }
+}

@@ -1,0 +1,116 @@
+//! Depth maps refined to the full size of their photographs, between the network and the files.
+
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+use vamvs_core::roi::PixelBox;
+use vamvs_core::{DepthMap, Grid, Photo, Scene};
+use vamvs_refine::{RefineOptions, Refined, refine};
+
+use crate::{Photographs, VamvsError};
+
+/// Photographs that are kept beside those of one depth map: neighbours share most of theirs.
+const BESIDE: usize = 3;
+
+/// What refining a depth map takes for each pixel of the photograph, bytes: planes, features and the images of the
+/// reference and its sources.
+pub(crate) const BYTES_PER_PIXEL: u64 = 250;
+
+/// Refines the depth maps of a run, one after the other.
+pub(crate) struct Refinement<'a> {
+    scene: &'a Scene,
+    photographs: Photographs,
+    options: RefineOptions,
+    /// Least recently used first.
+    kept: Vec<(usize, Rc<Photo>)>,
+    /// Time that reading photographs took.
+    pub reading: Duration,
+    /// Time that refining took.
+    pub refining: Duration,
+}
+
+/// What the network gives for one view.
+pub(crate) struct Seed<'a> {
+    /// Its depth map.
+    pub map: &'a DepthMap,
+    /// What each source view sees, as far as the network tells it.
+    pub visibility: &'a [Grid<f32>],
+    /// The part of the image in which depth is wanted, as shares of its width and height; `None` for all of it.
+    pub region: Option<[[f64; 2]; 2]>,
+}
+
+impl<'a> Refinement<'a> {
+    /// Of photographs as large as `photographs` has them before the network's reduction.
+    pub fn new(scene: &'a Scene, photographs: &Photographs) -> Self {
+        let (reading, refining) = (Duration::ZERO, Duration::ZERO);
+        let options = RefineOptions::default();
+        Self { scene, photographs: photographs.full(), options, kept: Vec::new(), reading, refining }
+    }
+
+    /// The refined depth map of `view`, compared with `sources`, and its photograph.
+    pub fn refine(
+        &mut self,
+        view: usize,
+        sources: &[usize],
+        seed: &Seed<'_>,
+    ) -> Result<(Refined, Rc<Photo>), VamvsError> {
+        let reference = self.photo(view, sources.len())?;
+        let others: Vec<Rc<Photo>> =
+            sources.iter().map(|&source| self.photo(source, sources.len())).collect::<Result<_, _>>()?;
+        let begin = Instant::now();
+        let limited = seed.region.map(|region| limited(&reference, region));
+        let limited = limited.as_ref().unwrap_or(&reference);
+        let others: Vec<&Photo> = others.iter().map(Rc::as_ref).collect();
+        let refined = refine(limited, &others, seed.map, seed.visibility, &self.options)?;
+        self.refining += begin.elapsed();
+        Ok((refined, reference))
+    }
+
+    /// How depth maps are refined.
+    pub fn options(&self) -> &RefineOptions {
+        &self.options
+    }
+
+    /// Gives up all photographs.
+    pub fn clear(&mut self) {
+        self.kept.clear();
+    }
+
+    /// A photograph at full size, of which the last few are kept.
+    fn photo(&mut self, view: usize, sources: usize) -> Result<Rc<Photo>, VamvsError> {
+        if let Some(place) = self.kept.iter().position(|(kept, _)| *kept == view) {
+            let entry = self.kept.remove(place);
+            self.kept.push(entry);
+        } else {
+            let begin = Instant::now();
+            let scene_view = &self.scene.views[view];
+            let (photo, _) =
+                self.photographs.load(scene_view).map_err(|error| error.of_view(&scene_view.name))?;
+            self.reading += begin.elapsed();
+            let most = sources + 1 + BESIDE;
+            self.kept.drain(..(self.kept.len() + 1).saturating_sub(most));
+            self.kept.push((view, Rc::new(photo)));
+        }
+        Ok(Rc::clone(&self.kept[self.kept.len() - 1].1))
+    }
+}
+
+/// The photograph with everything outside of a region masked.
+fn limited(photo: &Photo, [[x0, y0], [x1, y1]]: [[f64; 2]; 2]) -> Photo {
+    let size = photo.image.size();
+    let inside = |at: usize, side: usize, first: f64, end: f64| {
+        let centre = (at as f64 + 0.5) / side as f64;
+        (first..end).contains(&centre)
+    };
+    let mask = Grid::from_fn(size, |x, y| {
+        let counts = photo.mask.as_ref().is_none_or(|mask| mask[(x, y)]);
+        counts && inside(x, size.width, x0, x1) && inside(y, size.height, y0, y1)
+    });
+    Photo { mask: Some(mask), ..photo.clone() }
+}
+
+/// A region of an image as shares of its width and height.
+pub(crate) fn shares(region: PixelBox, size: vamvs_core::Size) -> [[f64; 2]; 2] {
+    let share = |x: usize, y: usize| [x as f64 / size.width as f64, y as f64 / size.height as f64];
+    [share(region.x0, region.y0), share(region.x1, region.y1)]
+}
