@@ -8,7 +8,7 @@ use nalgebra::{Rotation3, Vector3};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, DepthRange, Photo, Planes, Pose, Size, Spacing};
 use vamvs_io::image::resize;
-use vamvs_net::cost_volume::{Swept, costs, sweep};
+use vamvs_net::cost_volume::{CostVolume, Swept, costs, sweep};
 use vamvs_net::tch::{self, Kind, Tensor};
 use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Iteration, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
@@ -159,6 +159,46 @@ fn a_volume_that_is_never_whole_gives_the_costs_of_a_whole_one() {
             }
         });
     }
+}
+
+/// The native kernels of vis-corr against the tensors that they replace, which features with gradients still go through.
+#[test]
+fn native_kernels_give_what_tensors_give() {
+    let views = fixtures::still_life(Size::new(107, 85), 4);
+    let estimator = estimator("weights/vis-corr");
+    let (network, planes) = (estimator.network(), planes(&views[0], 13));
+    let encode =
+        || -> Vec<EncodedView> { views.iter().map(|view| network.encode(&view.photo).unwrap()).collect() };
+    let (native, tensors) = (tch::no_grad(encode), encode());
+    let volume = |views: &[EncodedView]| {
+        let sources: Vec<_> = views[1..].iter().collect();
+        let CostVolume { volume, visibility } =
+            sweep(&swept(network, &views[0], &sources, &planes, 0), None).unwrap();
+        (volume.detach(), Tensor::stack(&visibility, 0).detach())
+    };
+    let (found, expected) = (volume(&native), volume(&tensors));
+    assert!(expected.0.abs().max().double_value(&[]) > 0.01, "there is something to compare");
+    assert_near(&found.0, &expected.0);
+    assert_near(&found.1, &expected.1);
+    let refined = |views: &[EncodedView]| {
+        let sources: Vec<_> = views[1..].iter().collect();
+        let masks: Vec<_> = (0..3).map(|source| expected.1.get(source)).collect();
+        let u = Tensor::linspace(2.0, 10.0, 22 * 28, (Kind::Float, Device::Cpu)).view([22, 28]);
+        let stage = estimator.flow_stage(&views[0], &sources, &planes, &masks, estimator.iterations()[0]);
+        let map = stage.refine(&u, &mut Profile::default()).unwrap();
+        (map.u.detach(), map.confidence.detach())
+    };
+    let (found, expected) = (refined(&native), refined(&tensors));
+    assert_near(&found.0, &expected.0);
+    assert_near(&found.1, &expected.1);
+}
+
+/// Equal but for the order of sums.
+fn assert_near(found: &Tensor, expected: &Tensor) {
+    assert_eq!(found.size(), expected.size());
+    let apart = (found - expected).abs().max().double_value(&[]);
+    let largest = expected.abs().max().double_value(&[]);
+    assert!(apart < 1e-4 * largest, "{apart} apart, the largest is {largest}");
 }
 
 /// What the shipped vis-max averages, and what it takes the largest of.

@@ -21,7 +21,7 @@ pub fn true_maps(scene: &Scene) -> OutputFolder {
             coarse_confidence: None,
         };
         let range = vamvs_tests::folder::depth_range(view, 1.05).unwrap();
-        let saved = SavedMap { map: &map, range, colour: &view.photo.image };
+        let saved = SavedMap { map: &map, range, colour: &view.photo.image, normals: None };
         let record = Record { made_of: "truth".into(), planes: None, sources: Vec::new() };
         folder.save(name, &saved, &record).unwrap();
     }

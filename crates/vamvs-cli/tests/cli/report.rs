@@ -81,7 +81,11 @@ fn the_page_is_left_out_made_again_and_made_without_a_cloud() {
         (map.depth_map(0).unwrap(), vamvs::io::image::load_rgb(&folder.images().join("0000.png")));
     let range = vamvs::core::DepthRange { near: 1.0, far: 9.0 };
     folder
-        .save("0000", &vamvs::output::SavedMap { map: &map, range, colour: &colour.unwrap() }, &record)
+        .save(
+            "0000",
+            &vamvs::output::SavedMap { map: &map, range, colour: &colour.unwrap(), normals: None },
+            &record,
+        )
         .unwrap();
     expect_success(&run("report", folder.root(), &[]));
     assert!(read(&page).contains("not fused yet"));

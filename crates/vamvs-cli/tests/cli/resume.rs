@@ -46,8 +46,8 @@ fn a_second_run_keeps_what_is_there_and_other_settings_or_photographs_redo_it() 
     let depth = scene.out().join("depths/0001.pfm");
     let whole = std::fs::read(&depth).unwrap();
     truncate(&depth);
-    vamvs::io::image::save_png_rgb(&scene.out().join("images/0002.png"), &scene.views[0].photo.image)
-        .unwrap();
+    let half = vamvs::io::image::resize(&scene.views[0].photo.image, vamvs::core::Size::new(48, 32));
+    vamvs::io::image::save_png_rgb(&scene.out().join("images/0002.png"), &half).unwrap();
     assert!(summary(&["--planes", "24"]).starts_with("2 depth maps made, 1 were there"));
     assert!(std::fs::read(&depth).unwrap() == whole);
     // One view's source photograph changes: the maps that use it are made anew.
@@ -81,11 +81,50 @@ fn a_preview_is_smaller_is_recorded_and_gives_way_to_flags() {
 }
 
 #[test]
+fn depth_maps_are_refined_to_the_size_of_their_photographs_unless_that_is_not_wanted() {
+    let scene = Scene::new(256, 192, 3);
+    let truth = &scene.views[0].depth;
+    let run = |arguments: &[&str]| {
+        let output =
+            scene.run("depth", &[&["--weights", "photometric", "--planes", "32"], arguments].concat());
+        expect_success(&output);
+        (vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap(), stderr(&output))
+    };
+    let share = |map: &vamvs::core::Grid<f32>| {
+        let step = truth.width() / map.width();
+        let places = (0..map.height()).flat_map(|y| (0..map.width()).map(move |x| (x, y)));
+        let right = places.filter(|&(x, y)| {
+            let expected = truth[(x * step + step / 2, y * step + step / 2)];
+            (map[(x, y)] - expected).abs() < 0.003 * expected
+        });
+        right.count() as f64 / map.size().area() as f64
+    };
+    let normals = scene.out().join("normals/0000.pfm");
+    let (rough, _) = run(&["--no-refine"]);
+    assert_eq!(rough.size(), vamvs::core::Size::new(128, 96));
+    assert!(!normals.exists());
+    let (refined, said) = run(&[]);
+    assert!(said.contains("3 depth maps made, 0 were there"), "{said}");
+    assert_eq!(refined.size(), truth.size());
+    assert!(share(&refined) > 1.2 * share(&rough), "{} and {}", share(&refined), share(&rough));
+    let facing = vamvs::io::pfm::read_rgb(&normals).unwrap();
+    assert_eq!(facing.size(), truth.size());
+    assert!(run(&[]).1.contains("0 depth maps made, 3 were there"));
+    // Photographs for the network are smaller, depth maps are not.
+    assert_eq!(run(&["--network-size", "128"]).0.size(), truth.size());
+    let (half, _) = run(&["--max-size", "128"]);
+    assert_eq!(half.size(), vamvs::core::Size::new(128, 96));
+    // What is refined no longer leaves nothing behind.
+    assert_eq!(run(&["--no-refine"]).0, rough);
+    assert!(!normals.exists());
+}
+
+#[test]
 fn iterations_are_counted_from_the_coarse_cells_of_the_network() {
     let scene = Scene::new(64, 48, 2);
     // The default network has cells of 4: one iteration ends where the coarse map is, and refines it.
     let map = |iterations: &str| {
-        let fixed = ["--planes", "8", "--quiet", "--force", "--iterations", iterations];
+        let fixed = ["--planes", "8", "--quiet", "--force", "--no-refine", "--iterations", iterations];
         expect_success(&scene.run("depth", &fixed));
         vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap()
     };
@@ -99,7 +138,7 @@ fn iterations_are_counted_from_the_coarse_cells_of_the_network() {
 fn coarse_maps_of_small_photographs_have_the_colours_of_their_place() {
     // Of 36 pixels four are lost in cells of 8, so many that the sizes would tell cells of 9.
     let scene = Scene::new(36, 64, 2);
-    let fixed = ["--weights", "photometric", "--iterations", "0", "--planes", "8", "--quiet"];
+    let fixed = ["--weights", "photometric", "--iterations", "0", "--planes", "8", "--no-refine", "--quiet"];
     expect_success(&scene.run("depth", &fixed));
     let colours = vamvs::io::image::load_rgb(&scene.out().join("images/0000.png")).unwrap();
     assert_eq!(colours.size(), vamvs::core::Size::new(4, 8));
@@ -118,7 +157,10 @@ fn enlarged_photographs_give_larger_maps_and_smaller_cells_more_that_is_right() 
     let scene = Scene::new(256, 192, 3);
     let truth = &scene.views[0].depth;
     let size_and_share = |arguments: &[&str]| {
-        expect_success(&scene.run("depth", &[&["--quiet", "--weights", "photometric"], arguments].concat()));
+        expect_success(
+            &scene
+                .run("depth", &[&["--quiet", "--no-refine", "--weights", "photometric"], arguments].concat()),
+        );
         let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
         let step = truth.width() / map.width();
         let places = (0..map.height()).flat_map(|y| (0..map.width()).map(move |x| (x, y)));
@@ -144,7 +186,7 @@ fn enlarged_photographs_give_larger_maps_and_smaller_cells_more_that_is_right() 
 fn a_depth_map_that_does_not_fit_into_the_memory_becomes_smaller_and_that_is_told() {
     let scene = Scene::new(400, 300, 2);
     let size_and_words = |memory: &str| {
-        let fixed = ["--cells", "8", "--iterations", "0", "--planes", "16"];
+        let fixed = ["--cells", "8", "--iterations", "0", "--planes", "16", "--no-refine"];
         let output = scene.run("depth", &[&fixed[..], &["--max-memory", memory]].concat());
         expect_success(&output);
         let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
