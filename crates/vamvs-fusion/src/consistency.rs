@@ -43,7 +43,7 @@ impl<'a> Rule<'a> {
 
     /// The pixels of a strip of the row `y` from pixel `first` on that are confirmed, one bit each.
     pub fn confirmed(&self, strip: &Strip, (first, y): (usize, usize)) -> u64 {
-        let asked = bits(|lane| strip.inverse_depth[lane] > 0.0);
+        let asked = bits(&strip.inverse_depth.map(|w| w > 0.0));
         let needed = self.needed(first, y);
         let mut tally = Tally { views: [0.0; LANES], support: [0.0; LANES], against: [0.0; LANES] };
         let mut answers = Answers::new();
@@ -68,8 +68,8 @@ impl<'a> Rule<'a> {
 
     /// The pixels of which the rest of the views, so many, cannot change the outcome.
     fn decided(&self, tally: &Tally, needed: &Lanes, rest: usize) -> u64 {
-        let min = (self.options.min_views - 1) as f32;
-        let hopeless = bits(|lane| tally.views[lane] + (rest as f32) < min);
+        let missing = (self.options.min_views - 1) as f32 - rest as f32;
+        let hopeless = bits(&tally.views.map(|views| views < missing));
         if self.options.contradiction > 0.0 {
             return hopeless;
         }
@@ -79,13 +79,16 @@ impl<'a> Rule<'a> {
     fn accepted(&self, tally: &Tally, needed: &Lanes) -> u64 {
         let min = (self.options.min_views - 1) as f32;
         let against = self.options.contradiction;
-        match self.options.consistency {
-            Consistency::Classic => bits(|lane| tally.views[lane] >= min),
-            Consistency::Dynamic => bits(|lane| {
-                let balance = tally.support[lane] - against * tally.against[lane];
-                (tally.views[lane] >= min) & (balance >= needed[lane])
-            }),
+        let mut accepted = [false; LANES];
+        for lane in 0..LANES {
+            let balance = tally.support[lane] - against * tally.against[lane];
+            let enough = match self.options.consistency {
+                Consistency::Classic => true,
+                Consistency::Dynamic => balance >= needed[lane],
+            };
+            accepted[lane] = (tally.views[lane] >= min) & enough;
         }
+        bits(&accepted)
     }
 }
 

@@ -86,11 +86,14 @@ widened! {
     fn fit_rows(rows: &[Vec<f32>], edge_step: f32, fits: &mut [Fit]) = fit_rows_any;
 }
 
+// No closures from here on: they would not be compiled for the widest vectors.
 #[inline(always)]
 fn fit_rows_any(rows: &[Vec<f32>], edge_step: f32, fits: &mut [Fit]) {
     for (number, fits) in fits.chunks_mut(LANES).enumerate() {
         let moments = Moments::around(rows, number * LANES, edge_step);
-        fits.iter_mut().enumerate().for_each(|(lane, fit)| *fit = moments.fit(lane));
+        for (lane, fit) in fits.iter_mut().enumerate() {
+            *fit = moments.fit(lane);
+        }
     }
 }
 
@@ -146,16 +149,15 @@ impl Moments {
     /// The least-squares fit of a window; its slopes are `None` if the pixels lie on a line.
     #[inline(always)]
     fn fit(&self, lane: usize) -> Fit {
-        let n = self.n[lane];
-        let about_mean = |product: &[f32; LANES], a: f32, b: f32| product[lane] * n - a * b;
-        let (x, y, w) = (self.x[lane], self.y[lane], self.w[lane]);
-        let (xx, yy) = (about_mean(&self.xx, x, x), about_mean(&self.yy, y, y));
-        let xy = about_mean(&self.xy, x, y);
-        let (xw, yw) = (about_mean(&self.xw, x, w), about_mean(&self.yw, y, w));
+        let (n, x, y, w) = (self.n[lane], self.x[lane], self.y[lane], self.w[lane]);
+        // About the mean, times the squared number of pixels.
+        let (xx, yy) = (self.xx[lane] * n - x * x, self.yy[lane] * n - y * y);
+        let xy = self.xy[lane] * n - x * y;
+        let (xw, yw) = (self.xw[lane] * n - x * w, self.yw[lane] * n - y * w);
         // Of integers, hence exact: 0 if and only if the pixels lie on a line.
         let determinant = xx * yy - xy * xy;
-        let solve = |p: f32| p / determinant;
-        let slopes = (determinant > 0.0).then(|| [solve(yy * xw - xy * yw), solve(xx * yw - xy * xw)]);
+        let solved = [(yy * xw - xy * yw) / determinant, (xx * yw - xy * xw) / determinant];
+        let slopes = if determinant > 0.0 { Some(solved) } else { None };
         Fit { slopes, inner: n == WINDOW }
     }
 }

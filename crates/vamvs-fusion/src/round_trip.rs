@@ -75,13 +75,20 @@ impl Answers {
 
     /// The lanes in which the source agrees, one bit each.
     pub fn agreeing(&self) -> u64 {
-        bits(|lane| self.error[lane] < 1.0)
+        let mut agrees = [false; LANES];
+        agrees.iter_mut().zip(&self.error).for_each(|(agrees, error)| *agrees = *error < 1.0);
+        bits(&agrees)
     }
 }
 
-/// One bit for each lane of which it is true.
-pub(crate) fn bits(is_true: impl Fn(usize) -> bool) -> u64 {
-    (0..LANES).fold(0, |bits, lane| bits | u64::from(is_true(lane)) << lane)
+/// One bit for each lane.
+pub(crate) fn bits(lanes: &Lanes<bool>) -> u64 {
+    let eight = |lanes: &[bool; 8]| {
+        let bytes = u64::from_le_bytes(lanes.map(u8::from));
+        // Brings the lowest bit of byte i to bit 56 + i.
+        bytes.wrapping_mul(0x0102_0408_1020_4080) >> 56
+    };
+    lanes.as_chunks().0.iter().rev().fold(0, |bits, lanes| bits << 8 | eight(lanes))
 }
 
 widened! {
@@ -103,12 +110,12 @@ struct Seen {
     inside: Lanes<bool>,
 }
 
+// No closures from here on: they would not be compiled for the widest vectors.
 #[inline(always)]
 fn ask_any(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) {
     let size = pair.source.size();
     let seen = project(pair, strip, answers);
-    let any = seen.inside.iter().fold(false, |any, inside| any | inside);
-    if !any || size.width < 2 || size.height < 2 {
+    if !any(&seen.inside) || size.width < 2 || size.height < 2 {
         answers.error = [f32::INFINITY; LANES];
         answers.behind = [-1.0; LANES];
         return;
@@ -119,11 +126,22 @@ fn ask_any(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) {
 }
 
 #[inline(always)]
+fn any(lanes: &Lanes<bool>) -> bool {
+    let mut any = false;
+    for &lane in lanes {
+        any |= lane;
+    }
+    any
+}
+
+#[inline(always)]
 fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
     let size = pair.source.size();
     let (width, height) = (size.width as f32, size.height as f32);
     let (m, o) = (&pair.to_source.linear, &pair.to_source.offset);
-    let [row_x, row_y, row_z] = [0, 1, 2].map(|i| m[(i, 1)] * strip.y + m[(i, 2)]);
+    let row_x = m[(0, 1)] * strip.y + m[(0, 2)];
+    let row_y = m[(1, 1)] * strip.y + m[(1, 2)];
+    let row_z = m[(2, 1)] * strip.y + m[(2, 2)];
     let none = [0.0; LANES];
     let mut seen = Seen {
         at: [none; 2],
@@ -160,8 +178,8 @@ fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
 #[inline(always)]
 fn gather(values: &[f32], width: usize, places: &Lanes<u32>) -> [Lanes; 4] {
     let mut corners = [[0.0; LANES]; 4];
-    for (lane, &place) in places.iter().enumerate() {
-        let place = place as usize;
+    for lane in 0..LANES {
+        let place = places[lane] as usize;
         let (upper, lower) = (&values[place..place + 2], &values[place + width..place + width + 2]);
         corners[0][lane] = upper[0];
         corners[1][lane] = upper[1];
@@ -179,7 +197,8 @@ fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes; 4], answers: &mut Answ
     let max_spread = pair.max_relative_depth;
     let mut at = [[0.0; LANES]; 2];
     for lane in 0..LANES {
-        let [a, b, c, d] = [0, 1, 2, 3].map(|corner| corners[corner][lane]);
+        let (a, b) = (corners[0][lane], corners[1][lane]);
+        let (c, d) = (corners[2][lane], corners[3][lane]);
         let (lowest, highest) = (least(least(a, b), least(c, d)), most(most(a, b), most(c, d)));
         let (left, top) = (seen.corner[0][lane], seen.corner[1][lane]);
         let (s, t) = (seen.at[0][lane] - 0.5 - left, seen.at[1][lane] - 0.5 - top);
@@ -215,7 +234,9 @@ fn come_back(
     let (m, o) = (&pair.to_reference.linear, &pair.to_reference.offset);
     for lane in 0..LANES {
         let (u, v, w) = (at[0][lane], at[1][lane], answers.inverse_depth[lane]);
-        let [x, y, z] = [0, 1, 2].map(|i| m[(i, 0)] * u + m[(i, 1)] * v + m[(i, 2)] + o[i] * w);
+        let x = m[(0, 0)] * u + m[(0, 1)] * v + m[(0, 2)] + o.x * w;
+        let y = m[(1, 0)] * u + m[(1, 1)] * v + m[(1, 2)] + o.y * w;
+        let z = m[(2, 0)] * u + m[(2, 1)] * v + m[(2, 2)] + o.z * w;
         // The depth that comes back is z / w, with w the source's inverse depth.
         let depth_error = (z * strip.inverse_depth[lane] - w).abs() / (pair.max_relative_depth * w);
         let (dx, dy) = (x - strip.x[lane] * z, y - strip.y * z);
@@ -284,6 +305,13 @@ mod tests {
     fn agrees(error: f32, max_reprojection: f32, max_relative_depth: f32) -> bool {
         let options = FuseOptions { max_reprojection, max_relative_depth, ..FuseOptions::default() };
         answer(&wall(1.0, 4.0 * (1.0 + error), &options), 50.5, 0.25, &options).agreeing() != 0
+    }
+
+    #[test]
+    fn lanes_become_bits() {
+        let pattern = 0x8000_0123_4567_89ab_u64;
+        let lanes = std::array::from_fn(|lane| pattern >> lane & 1 == 1);
+        assert_eq!(bits(&lanes), pattern);
     }
 
     #[test]
