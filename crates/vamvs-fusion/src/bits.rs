@@ -23,7 +23,9 @@ impl BitGrid {
 
     /// Whether the bit of a pixel is 1 that has this place in a raster of this width.
     pub fn at(&self, place: usize, width: usize) -> bool {
-        self.get(place % width, place / width)
+        let (place, width) = (place as u32, width as u32);
+        let y = place / width;
+        self.get((place - y * width) as usize, y as usize)
     }
 
     /// The words of row `y`.

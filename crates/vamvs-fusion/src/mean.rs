@@ -87,7 +87,7 @@ impl<'a> Mean<'a> {
     pub fn point(mut self, world_from_cam: &Pose, max_relative_depth: f32) -> CloudPoint {
         let views = self.depths.len();
         let depth = robust_mean(&mut self.depths, HALF_WEIGHT * max_relative_depth);
-        let colour: Rgb = self.colour.map(|sum| (sum / self.colour_weight).round() as u8);
+        let colour: Rgb = self.colour.map(|sum| (sum / self.colour_weight + 0.5) as u8);
         CloudPoint {
             x_in_world: world_from_cam.transform(&(self.ray * depth).cast()).into(),
             normal: self.normal.cast::<f64>().normalize().cast::<f32>().into(),

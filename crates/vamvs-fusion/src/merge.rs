@@ -11,10 +11,15 @@ use crate::bits::BitGrid;
 use crate::mean::Mean;
 use crate::pair::Pair;
 use crate::priority::Ranking;
-use crate::round_trip::{Answers, LANES, Strip, ask};
+use crate::round_trip::{Answers, LANES, Strip, ask, bits, inverse_depths_in_source};
 
 /// Pixels that become points at once, so that the points of a large view take little memory.
 const BATCH: usize = 1 << 18;
+
+/// A pixel that agrees on a point may be nearer than the point by this many times
+/// [`FuseOptions::max_relative_depth`](crate::FuseOptions::max_relative_depth): once for the surface that agrees, once for the
+/// pixels around a place that is interpolated, once to be safe.
+const NEARER: f32 = 3.0;
 
 /// A reference view with all views that may see the same places.
 pub(crate) struct Merger<'a> {
@@ -47,22 +52,23 @@ impl Merger<'_> {
     /// The points that some rows of the reference view make, in the order of the pixels.
     pub fn points(&self, rows: Range<usize>) -> FusedPoints {
         let world_from_cam = self.reference.filtered.cam_from_world.inverse();
-        let rows: Vec<FusedPoints> = rows.into_par_iter().map(|y| self.row(y, &world_from_cam)).collect();
+        let room = || vec![Answers::new(); self.others.len()];
+        let row = |answers: &mut Vec<Answers>, y| self.row(y, answers, &world_from_cam);
+        let rows: Vec<FusedPoints> = rows.into_par_iter().map_init(room, row).collect();
         let mut points = FusedPoints::default();
         rows.iter().for_each(|row| points.append(row));
         points
     }
 
-    fn row(&self, y: usize, world_from_cam: &Pose) -> FusedPoints {
+    fn row(&self, y: usize, answers: &mut [Answers], world_from_cam: &Pose) -> FusedPoints {
         let mut points = FusedPoints::default();
-        let mut answers = vec![Answers::new(); self.others.len()];
-        for pixels in self.first_comers(y, &mut answers).chunks(LANES) {
+        for pixels in self.first_comers(y, answers).chunks(LANES) {
             let strip = self.strip(pixels, y);
-            for (other, answers) in self.others.iter().zip(&mut answers) {
+            for (other, answers) in self.others.iter().zip(answers.iter_mut()) {
                 ask(&other.pair, &strip, answers);
             }
             for (lane, &x) in pixels.iter().enumerate() {
-                self.push_point((x, y), (&answers, lane), world_from_cam, &mut points);
+                self.push_point((x, y), (answers, lane), world_from_cam, &mut points);
             }
         }
         points
@@ -76,8 +82,8 @@ impl Merger<'_> {
             let strip = Strip::of_row(y, number * LANES, inverse_depth);
             let mut open = kept;
             for (other, answers) in self.others.iter().zip(answers.iter_mut()) {
-                if open == 0 {
-                    break;
+                if open & self.may_come_first(other, &strip) == 0 {
+                    continue;
                 }
                 ask(&other.pair, &strip, answers);
                 open &= !self.taken(other, &strip, answers, open);
@@ -85,6 +91,20 @@ impl Merger<'_> {
             pixels.extend((0..LANES).filter(|lane| open >> lane & 1 == 1).map(|lane| number * LANES + lane));
         }
         pixels
+    }
+
+    /// The lanes in which another view may come before the reference view if it agrees: its depth is nearly the point's
+    /// then, and that is quickly told. Views that agree are asked in one direction, most often.
+    fn may_come_first(&self, other: &Other<'_>, strip: &Strip) -> u64 {
+        let mut inverse_depth = [0.0; LANES];
+        inverse_depths_in_source(&other.pair, strip, &mut inverse_depth);
+        let nearest = 1.0 + NEARER * self.max_relative_depth;
+        let mut may = [false; LANES];
+        for lane in 0..LANES {
+            let (own, theirs) = (strip.inverse_depth[lane], inverse_depth[lane] * nearest);
+            may[lane] = other.ranking.comes_before(theirs, &self.ranking, own);
+        }
+        bits(&may)
     }
 
     /// The lanes among those `open` in which another view keeps the place and comes before the reference view.

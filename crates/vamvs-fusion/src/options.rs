@@ -38,11 +38,12 @@ pub struct FuseOptions {
     pub max_relative_depth: f32,
     /// How many views must agree on a pixel, its own included, 1 to 255.
     pub min_views: usize,
-    /// What the votes for a pixel, times its own confidence, must add up to in the dynamic rule. A vote is at most 1: that
-    /// of a view that agrees exactly, is wholly confident and sees the point at a large angle to the pixel's own ray.
+    /// What the votes for a pixel, times the number of source views that agree, must come to in the dynamic rule. A vote
+    /// is at most 1: that of a view that agrees exactly and sees the point at a large angle to the pixel's own ray, if
+    /// both are wholly confident.
     pub min_support: f32,
-    /// What a view that sees through a pixel's point, to a surface clearly behind it, takes away from those votes in the
-    /// dynamic rule, times its confidence; 0 for nothing.
+    /// What a view that sees through a pixel's point, to a surface clearly behind it, takes away from the votes in the
+    /// dynamic rule, times the confidences; 0 for nothing.
     pub contradiction: f32,
     /// The least confidence of the final depth, 0 to 1.
     pub min_confidence: f32,
@@ -74,8 +75,8 @@ impl Default for FuseOptions {
             max_reprojection: 1.0,
             max_relative_depth: 0.01,
             min_views: 2,
-            min_support: 0.3,
-            contradiction: 0.0,
+            min_support: 0.8,
+            contradiction: 0.25,
             min_confidence: 0.1,
             min_coarse_confidence: 0.2,
             point_spacing: None,

@@ -22,7 +22,8 @@ impl PackedNormal {
         }
         let (u, v) = (x / sum, y / sum);
         let (u, v) = if z < 0.0 { folded(u, v) } else { (u, v) };
-        Self([u, v].map(|c| (c * SCALE).round() as i16))
+        // To the nearest: `as` cuts off.
+        Self([u, v].map(|c| (c * SCALE + 0.5_f32.copysign(c)) as i16))
     }
 
     /// The unit normal; 0 if there is none.

@@ -33,9 +33,21 @@ impl Ranking {
     /// The rank of a pixel of the view that has `inverse_depth` at its centre.
     #[inline]
     pub fn rank(&self, inverse_depth: f32) -> Rank {
+        Rank { half_octaves: self.half_octaves(inverse_depth), view: self.view }
+    }
+
+    /// Whether a pixel of this view comes before one of `other`, by their inverse depths; without branches.
+    #[inline]
+    pub fn comes_before(&self, inverse_depth: f32, other: &Self, other_inverse_depth: f32) -> bool {
+        let slack = u32::from(self.view < other.view);
+        self.half_octaves(inverse_depth) < other.half_octaves(other_inverse_depth) + slack
+    }
+
+    #[inline]
+    fn half_octaves(&self, inverse_depth: f32) -> u32 {
         let footprint = self.footprint / inverse_depth;
         // The binary exponent of the square counts half octaves.
-        Rank { half_octaves: (footprint * footprint).to_bits() >> 23, view: self.view }
+        (footprint * footprint).to_bits() >> 23
     }
 }
 
@@ -50,6 +62,10 @@ mod tests {
         assert!(a.rank(1.0) < b.rank(1.15), "within the step");
         assert!(a.rank(1.0) > b.rank(1.25), "nearer by more than a quarter octave");
         assert!(a.rank(0.8) > b.rank(1.0));
+        for (own, theirs) in [(1.0, 1.0), (1.0, 1.15), (1.0, 1.25), (0.8, 1.0), (1.25, 1.0)] {
+            assert_eq!(a.comes_before(own, &b, theirs), a.rank(own) < b.rank(theirs));
+            assert_eq!(b.comes_before(own, &a, theirs), b.rank(own) < a.rank(theirs));
+        }
         assert!(a.rank(0.5) > a.rank(0.75) && a.rank(0.75) > a.rank(1.0));
     }
 }

@@ -125,6 +125,21 @@ fn ask_any(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) {
     come_back(pair, strip, (&at, &seen.inside), answers);
 }
 
+widened! {
+    /// The inverse depths of a strip's points in the source view's camera; not positive behind it.
+    pub(crate) fn inverse_depths_in_source(pair: &Pair<'_>, strip: &Strip, found: &mut Lanes) = inverse_depths_any;
+}
+
+#[inline(always)]
+fn inverse_depths_any(pair: &Pair<'_>, strip: &Strip, found: &mut Lanes) {
+    let (m, o) = (&pair.to_source.linear, &pair.to_source.offset);
+    let row = m[(2, 1)] * strip.y + m[(2, 2)];
+    for lane in 0..LANES {
+        let w = strip.inverse_depth[lane];
+        found[lane] = w / (m[(2, 0)] * strip.x[lane] + row + o.z * w);
+    }
+}
+
 #[inline(always)]
 fn any(lanes: &Lanes<bool>) -> bool {
     let mut any = false;
@@ -161,8 +176,8 @@ fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
         let (u, v) = if inside { (u, v) } else { (0.5, 0.5) };
         let (du, dv) = (o.x - o.z * u, o.y - o.z * v);
         answers.parallax[lane] = (du * du + dv * dv).sqrt() * (w * per_z).abs() * pair.radians_per_pixel;
-        let left = least(most(u - 0.5, 0.0), width - 2.0) as i32;
-        let top = least(most(v - 0.5, 0.0), height - 2.0) as i32;
+        let left = whole(least(most(u - 0.5, 0.0), width - 2.0));
+        let top = whole(least(most(v - 0.5, 0.0), height - 2.0));
         seen.at[0][lane] = u;
         seen.at[1][lane] = v;
         seen.inverse_depth[lane] = w * per_z;
@@ -174,31 +189,28 @@ fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
     seen
 }
 
-/// The values of the four pixels of which each place is the upper left: upper left and right, lower left and right.
+/// The values of the four pixels of which each place is the upper left: the upper two, the lower two.
 #[inline(always)]
-fn gather(values: &[f32], width: usize, places: &Lanes<u32>) -> [Lanes; 4] {
-    let mut corners = [[0.0; LANES]; 4];
+fn gather(values: &[f32], width: usize, places: &Lanes<u32>) -> [Lanes<[f32; 2]>; 2] {
+    let (mut upper, mut lower) = ([[0.0; 2]; LANES], [[0.0; 2]; LANES]);
     for lane in 0..LANES {
         let place = places[lane] as usize;
-        let (upper, lower) = (&values[place..place + 2], &values[place + width..place + width + 2]);
-        corners[0][lane] = upper[0];
-        corners[1][lane] = upper[1];
-        corners[2][lane] = lower[0];
-        corners[3][lane] = lower[1];
+        let four = &values[place..place + width + 2];
+        upper[lane] = [four[0], four[1]];
+        lower[lane] = [four[width], four[width + 1]];
     }
-    corners
+    [upper, lower]
 }
 
 /// The source's inverse depth at the place: bilinear (linear beyond the outermost centres) where the four pixels around
 /// agree, else that of the pixel there, at its centre. Gives the image coordinates that it is of.
 #[inline(always)]
-fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes; 4], answers: &mut Answers) -> [Lanes; 2] {
+fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes<[f32; 2]>; 2], answers: &mut Answers) -> [Lanes; 2] {
     let width = pair.source.size().width as u32;
     let max_spread = pair.max_relative_depth;
     let mut at = [[0.0; LANES]; 2];
     for lane in 0..LANES {
-        let (a, b) = (corners[0][lane], corners[1][lane]);
-        let (c, d) = (corners[2][lane], corners[3][lane]);
+        let ([a, b], [c, d]) = (corners[0][lane], corners[1][lane]);
         let (lowest, highest) = (least(least(a, b), least(c, d)), most(most(a, b), most(c, d)));
         let (left, top) = (seen.corner[0][lane], seen.corner[1][lane]);
         let (s, t) = (seen.at[0][lane] - 0.5 - left, seen.at[1][lane] - 0.5 - top);
@@ -247,6 +259,14 @@ fn come_back(
         answers.back[1][lane] = y;
         answers.back[2][lane] = z;
     }
+}
+
+/// The whole part of a coordinate in an image: `as` would look for values that no integer holds, one by one.
+#[inline(always)]
+fn whole(coordinate: f32) -> i32 {
+    // SAFETY: coordinates are clamped to 0 and a raster's size, which is far below 2³¹; they are never NaN because
+    // `most` gives its second argument then.
+    unsafe { coordinate.to_int_unchecked() }
 }
 
 #[inline(always)]

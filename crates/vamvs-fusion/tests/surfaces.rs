@@ -61,7 +61,7 @@ fn points_and_normals_are_those_of_the_surface() {
         // At the sphere's outline surfaces end or curve strongly within a pixel.
         let [off, bent] = [off, bent].map(|count| count as f64 / cloud.len() as f64);
         assert!(
-            if is_plane { off == 0.0 && bent == 0.0 } else { off < 0.005 && bent < 0.03 },
+            if is_plane { off == 0.0 && bent == 0.0 } else { off < 0.01 && bent < 0.035 },
             "{off}, {bent}"
         );
     }

@@ -86,13 +86,13 @@ fn read_rows<const C: usize>(
     grid: &mut Grid<[f32; C]>,
     little_endian: bool,
 ) -> io::Result<()> {
-    let value = if little_endian { f32::from_le_bytes } else { f32::from_be_bytes };
     let mut bytes = vec![0; 4 * C * grid.width()];
     for y in (0..grid.height()).rev() {
         file.read_exact(&mut bytes)?;
         let values = grid.row_mut(y).as_flattened_mut();
         for (to, &from) in values.iter_mut().zip(bytes.as_chunks::<4>().0) {
-            *to = value(from);
+            let bits = u32::from_le_bytes(from);
+            *to = f32::from_bits(if little_endian { bits } else { bits.swap_bytes() });
         }
     }
     Ok(())

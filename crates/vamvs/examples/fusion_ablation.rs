@@ -69,8 +69,9 @@ fn variants() -> Vec<(String, FuseOptions)> {
     let classic = |min_views| FuseOptions { min_views, ..FuseOptions::classic() };
     let mut variants: Vec<_> =
         [2, 3, 4].map(|views| (format!("classic, {views} views"), classic(views))).into();
-    for min_support in [0.1, 0.2, 0.3, 0.4, 0.6, 0.8] {
-        for contradiction in [0.0, 0.25, 0.5, 1.0] {
+    let default = FuseOptions::default();
+    for min_support in [0.4, default.min_support, 1.2] {
+        for contradiction in [0.0, default.contradiction, 1.0] {
             let name = format!("dynamic, support {min_support}, contradiction {contradiction}");
             variants.push((name, FuseOptions { min_support, contradiction, ..FuseOptions::default() }));
         }
