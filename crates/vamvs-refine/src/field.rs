@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 use vamvs_core::Size;
 
+use crate::energy::{IMPOSSIBLE, Judged, Views};
 use crate::plane::Plane;
 
 /// What is known of a pixel.
@@ -12,14 +13,21 @@ pub(crate) struct State {
     pub plane: Plane,
     /// The plane's energy.
     pub energy: f32,
+    /// The source views that match it best.
+    pub best: Views,
     /// Whether the plane is the best around: small changes make it no better.
     pub settled: bool,
 }
 
 impl State {
-    /// A plane that may still be improved.
-    pub fn of(plane: Plane, energy: f32) -> Self {
-        Self { plane, energy, settled: false }
+    /// A plane that nothing is known of yet.
+    pub fn unjudged(plane: Plane) -> Self {
+        Self { plane, energy: IMPOSSIBLE, best: 0, settled: false }
+    }
+
+    /// What another plane must surpass.
+    pub fn judged(&self) -> Judged {
+        Judged { energy: self.energy, best: self.best }
     }
 }
 
@@ -109,7 +117,7 @@ mod tests {
     #[test]
     fn neighbours_of_the_other_colour_are_found_where_they_are() {
         let place = |x: usize, y: usize| (1 + 10 * y + x) as f32;
-        let state = |x, y| State::of(Plane { w: place(x, y), gx: 0.0, gy: 0.0 }, 0.0);
+        let state = |x, y| State::unjudged(Plane { w: place(x, y), gx: 0.0, gy: 0.0 });
         let mut field = Field::new(Size::new(5, 4), state);
         assert_eq!(field.at(4, 3).plane.w, 35.0);
         for colour in 0..2 {

@@ -14,6 +14,7 @@
 mod confidence;
 mod correlation;
 mod descent;
+mod energy;
 mod field;
 mod geometry;
 mod isa;
@@ -40,7 +41,7 @@ pub use refined::{Features, Refined};
 pub use source::MOST_SOURCES;
 
 use field::{Field, State};
-use matcher::{IMPOSSIBLE, Matcher};
+use matcher::Matcher;
 use sweep::{Sweep, consider, sweep};
 
 /// What a depth map is refined with.
@@ -141,7 +142,7 @@ pub fn refine_geometric(
     matcher.sources = with_depths.map(|(source, depth)| source.with_depth(*depth, here)).collect();
     let mut field = Field::new(matcher.image.size, |x, y| {
         let plane = first.plane(x, y);
-        let mut state = State::of(plane, IMPOSSIBLE);
+        let mut state = State::unjudged(plane);
         if let Some(pixel) = matcher.pixel(x, y, plane.w, plane.w) {
             consider(&pixel, plane, &mut state);
         }

@@ -1,8 +1,11 @@
 //! How depth maps are refined.
 
+use serde::{Deserialize, Serialize};
+
 /// How [`crate::refine`] and [`crate::refine_geometric`] work. Pixels of disparity are those of the source views, the
 /// mean over them; nothing depends on the scene's scale.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct RefineOptions {
     /// How many source views, those that match best, a pixel's correlation is the mean of.
     pub views: usize,
@@ -13,8 +16,10 @@ pub struct RefineOptions {
     /// How far to both sides of the seed depth is searched, pixels of disparity at the resolution that is searched
     /// first: a half or a quarter of the photograph's.
     pub search: u32,
-    /// Sweeps over the image at each resolution.
+    /// Sweeps over the image at each resolution below the full one.
     pub sweeps: usize,
+    /// Sweeps over the image at full size.
+    pub full_sweeps: usize,
     /// What departing from the seed costs at most, in correlation.
     pub prior: f32,
     /// The departure from the seed at which that is reached, pixels of disparity.
@@ -37,6 +42,7 @@ impl Default for RefineOptions {
             noise: 1.0,
             search: 4,
             sweeps: 2,
+            full_sweeps: 1,
             prior: 0.07,
             prior_reach: 4.0,
             visibility: 0.3,

@@ -5,8 +5,9 @@ use rayon::prelude::*;
 use vamvs_core::{DepthMap, Grid, Photo};
 
 use crate::confidence;
+use crate::energy::Match;
 use crate::field::{Field, State};
-use crate::matcher::{Match, Matcher};
+use crate::matcher::Matcher;
 use crate::plane::Plane;
 
 /// A refined depth map of a photograph's size.

@@ -4,7 +4,7 @@ use vamvs_core::{DepthMap, Grid, Photo, Pinhole};
 
 use crate::field::{Field, State};
 use crate::luminance::{self, Padded};
-use crate::matcher::{IMPOSSIBLE, Matcher};
+use crate::matcher::Matcher;
 use crate::plane::Plane;
 use crate::seed::{Guess, Seed};
 use crate::source::{Source, reduced};
@@ -38,13 +38,14 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
     let guesses = Seed::new(seed).guesses(&matcher.image, &reduced(&problem.reference.camera, first));
     let mut field = search(&matcher, &guesses);
     let prior = |x: usize, y: usize| guesses[(x, y)].trusted();
-    sweeps(&mut field, &matcher, prior);
+    sweeps(&mut field, &matcher, problem.options.sweeps, prior);
     let mut matcher = matcher;
     for level in (0..first).rev() {
         matcher = self::matcher(problem, level);
         let coarse = field;
         field = enlarged(&coarse, &matcher);
-        sweeps(&mut field, &matcher, |x, y| parent(&coarse, x, y).0.w);
+        let count = if level == 0 { problem.options.full_sweeps } else { problem.options.sweeps };
+        sweeps(&mut field, &matcher, count, |x, y| parent(&coarse, x, y).0.w);
     }
     (field, guesses, matcher)
 }
@@ -55,8 +56,8 @@ fn first_level(camera: &Pinhole, seed: &DepthMap) -> usize {
     (ratio.log2().floor() as usize).clamp(1, MOST_LEVELS)
 }
 
-fn sweeps(field: &mut Field, matcher: &Matcher, prior: impl Fn(usize, usize) -> f32 + Sync) {
-    for number in 0..matcher.options.sweeps {
+fn sweeps(field: &mut Field, matcher: &Matcher, count: usize, prior: impl Fn(usize, usize) -> f32 + Sync) {
+    for number in 0..count {
         sweep(field, matcher, &prior, Sweep { steps: 2, settled: number > 0 });
     }
 }
@@ -65,12 +66,12 @@ fn sweeps(field: &mut Field, matcher: &Matcher, prior: impl Fn(usize, usize) -> 
 fn search(matcher: &Matcher, guesses: &Grid<Guess>) -> Field {
     Field::new(matcher.image.size, |x, y| {
         let guess = &guesses[(x, y)];
-        let nothing = State::of(Plane::default(), IMPOSSIBLE);
+        let nothing = State::unjudged(Plane::default());
         if guess.plane.w <= 0.0 {
             return nothing;
         }
         let Some(pixel) = matcher.pixel(x, y, guess.plane.w, guess.trusted()) else { return nothing };
-        let mut state = State::of(guess.plane, IMPOSSIBLE);
+        let mut state = State::unjudged(guess.plane);
         let reach = matcher.options.search as i32;
         consider(&pixel, guess.plane, &mut state);
         for offset in (-reach..=reach).filter(|&offset| offset != 0) {
@@ -110,7 +111,7 @@ fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
     let size = coarse.size();
     Field::new(matcher.image.size, |x, y| {
         let (own, (px, py)) = parent(coarse, x, y);
-        let mut state = State::of(own, IMPOSSIBLE);
+        let mut state = State::unjudged(own);
         if own.w <= 0.0 {
             return State { plane: Plane::default(), ..state };
         }

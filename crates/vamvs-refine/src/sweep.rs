@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::energy::Judged;
 use crate::field::{Colour, Field, State};
 use crate::matcher::{Matcher, Pixel};
 use crate::plane::Plane;
@@ -93,14 +94,14 @@ fn same(a: &Plane, b: &Plane, step: f32) -> bool {
     over_window < SAME * step
 }
 
-/// Takes the plane if its energy is lower, and tells its energy.
+/// Takes the plane if its energy is lower.
 #[inline]
-pub(crate) fn consider(pixel: &Pixel, plane: Plane, state: &mut State) -> f32 {
-    let energy = pixel.energy(&plane);
+pub(crate) fn consider(pixel: &Pixel, plane: Plane, state: &mut State) {
+    let rival = (state.best != 0).then(|| state.judged());
+    let Judged { energy, best } = pixel.energy(&plane, rival);
     if energy < state.energy {
-        *state = State::of(plane, energy);
+        *state = State { plane, energy, best, settled: false };
     }
-    energy
 }
 
 /// A Gauss–Newton step, taken if the energy falls.
@@ -108,7 +109,7 @@ fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
     if state.settled {
         return;
     }
-    let (matrix, vector) = pixel.normal(&state.plane);
+    let (matrix, vector) = pixel.normal(&state.plane, state.best);
     let floor = noise * noise;
     let damping = Vector3::new(DAMPING[0], DAMPING[1], DAMPING[1]) * floor;
     let Some(inverse) = (matrix + Matrix3::from_diagonal(&damping)).try_inverse() else { return };

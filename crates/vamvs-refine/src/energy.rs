@@ -1,0 +1,214 @@
+//! The energy of a plane at a pixel: how ill the photographs match, and how far it is from what was known before.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::correlation::correlation;
+use crate::descent::{Normal, normal};
+use crate::geometry::Seen;
+use crate::matcher::Pixel;
+use crate::plane::Plane;
+use crate::source::MOST_SOURCES;
+use crate::transfer::Affine;
+
+/// The energy of what cannot be: behind a camera, or steeper than [`STEEPEST`].
+pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
+
+/// The cost of a source view that does not see the pixel: that of no correlation.
+const UNSEEN: f32 = 1.0;
+
+/// The steepest plane, pixels of disparity a pixel.
+const STEEPEST: f32 = 1.2;
+
+/// A plane that is worse by this in the views that have matched best so far is not tried in the others.
+const HOPELESS: f32 = 0.1;
+
+/// Source views, a bit each.
+pub(crate) type Views = u16;
+
+/// The energy of a plane, and the views that match it best.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Judged {
+    pub energy: f32,
+    pub best: Views,
+}
+
+/// How well the source views match at a plane.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Match {
+    /// The mean correlation of the best views.
+    pub correlation: f32,
+    /// How many views have a correlation above one half.
+    pub agreeing: u32,
+}
+
+/// The cost of each source view.
+struct Costs {
+    /// What the best are chosen by, and the cost itself.
+    values: [(f32, f32); MOST_SOURCES],
+    count: usize,
+}
+
+impl Costs {
+    /// The mean cost of the `most` best views, and which they are.
+    #[inline]
+    fn mean_of_best(&self, most: usize) -> (f32, Views) {
+        let (mut sum, mut taken, most) = (0.0, 0 as Views, most.clamp(1, self.count));
+        for _ in 0..most {
+            let mut best = None;
+            for (index, value) in self.values[..self.count].iter().enumerate() {
+                let is_better = |best: usize| value.0 < self.values[best].0;
+                if taken & (1 << index) == 0 && best.is_none_or(is_better) {
+                    best = Some(index);
+                }
+            }
+            let Some(best) = best else { break };
+            taken |= 1 << best;
+            sum += self.values[best].1;
+        }
+        (sum / most as f32, taken)
+    }
+}
+
+/// The indices of views.
+#[inline]
+fn indices(views: Views) -> impl Iterator<Item = usize> {
+    let next = |left: &Views| Some(left & (left - 1)).filter(|_| *left != 0);
+    std::iter::successors((views != 0).then_some(views), move |left| next(left).filter(|left| *left != 0))
+        .map(|left| left.trailing_zeros() as usize)
+}
+
+impl Pixel<'_> {
+    /// The energy of a plane: 1 − the mean correlation of the best views, and the cost of its distance to what was
+    /// known before. `rival` is the best so far: what is hopeless against it is [`IMPOSSIBLE`].
+    pub fn energy(&self, plane: &Plane, rival: Option<Judged>) -> Judged {
+        let impossible = Judged { energy: IMPOSSIBLE, best: 0 };
+        let slope = (plane.gx * plane.gx + plane.gy * plane.gy).sqrt();
+        if plane.w <= 0.0 || slope > STEEPEST * self.step {
+            return impossible;
+        }
+        let prior = self.prior_cost(plane.w);
+        let mut costs = Costs { values: [(0.0, 0.0); MOST_SOURCES], count: self.matcher.sources.len() };
+        let known = rival.map_or(0, |rival| rival.best);
+        let mut sum = 0.0;
+        for index in indices(known) {
+            costs.values[index] = self.cost(index, plane);
+            sum += costs.values[index].1;
+        }
+        let mean = sum / known.count_ones().max(1) as f32;
+        if rival.is_some_and(|rival| mean + prior > rival.energy + HOPELESS) {
+            return impossible;
+        }
+        let all = ((1_u32 << costs.count) - 1) as Views;
+        indices(all & !known).for_each(|index| costs.values[index] = self.cost(index, plane));
+        let (mean, best) = costs.mean_of_best(self.matcher.options.views);
+        Judged { energy: mean + prior, best }
+    }
+
+    /// The correlation with the source views that match best.
+    pub fn matched(&self, plane: &Plane) -> Match {
+        let mut costs = Costs { values: [(0.0, 0.0); MOST_SOURCES], count: self.matcher.sources.len() };
+        let mut agreeing = 0;
+        for index in 0..costs.count {
+            let own = 1.0 - self.correlation(index, plane).unwrap_or(0.0);
+            costs.values[index] = (own + self.handicaps[index], own);
+            agreeing += u32::from(own < 0.5);
+        }
+        Match { correlation: 1.0 - costs.mean_of_best(self.matcher.options.views).0, agreeing }
+    }
+
+    /// How many sources' own depth maps meet the plane within a pixel; `None` if there are no such maps.
+    pub fn geometric_agreement(&self, plane: &Plane) -> Option<usize> {
+        let sources = &self.matcher.sources;
+        let meets = |&source: &usize| self.seen_by(source, plane).is_some_and(|seen| seen.way < 1.0);
+        let known = sources.iter().any(|source| source.geometry.is_some());
+        known.then(|| (0..sources.len()).filter(meets).count())
+    }
+
+    /// What a source's depth map says near this plane.
+    pub fn seen_by(&self, source: usize, plane: &Plane) -> Option<Seen> {
+        self.matcher.sources[source].geometry.as_ref()?.seen(self.x, self.y, plane.w)
+    }
+
+    /// The sum of the normal equations of some source views at a plane, in units of [`Pixel::step`].
+    pub fn normal(&self, plane: &Plane, views: Views) -> (Matrix3<f32>, Vector3<f32>) {
+        let (mut matrix, mut vector) = (Matrix3::zeros(), Vector3::zeros());
+        for index in indices(views) {
+            let Some(normal) = self.normal_of(index, plane).filter(|normal| normal.correlation > 0.0) else {
+                continue;
+            };
+            matrix += normal.matrix;
+            vector += normal.vector;
+        }
+        (matrix, vector)
+    }
+
+    /// What a source is chosen by, and its cost.
+    #[inline]
+    fn cost(&self, index: usize, plane: &Plane) -> (f32, f32) {
+        let photometric = self.correlation(index, plane).map_or(UNSEEN, |correlation| 1.0 - correlation);
+        let cost = photometric + self.geometric_cost(index, plane);
+        (cost + self.handicaps[index], cost)
+    }
+
+    #[inline]
+    fn correlation(&self, index: usize, plane: &Plane) -> Option<f32> {
+        let warp = self.warp(index, plane)?;
+        let (options, quads) = (self.matcher.options, &self.matcher.sources[index].quads);
+        Some(correlation(&self.window, quads, &warp, options.noise, self.matcher.isa))
+    }
+
+    #[inline]
+    fn normal_of(&self, index: usize, plane: &Plane) -> Option<Normal> {
+        let warp = self.warp(index, plane)?;
+        let source = &self.matcher.sources[index];
+        let speed = source.transfer.speed(self.rays[index], plane.w).map(|speed| speed * self.step);
+        let noise = self.matcher.options.noise;
+        Some(normal(&self.window, &source.quads, &warp, speed, noise, self.matcher.isa))
+    }
+
+    /// How a source sees the window; `None` where the pixel lies outside of its image.
+    #[inline]
+    fn warp(&self, index: usize, plane: &Plane) -> Option<Affine> {
+        let source = &self.matcher.sources[index];
+        let warp = source.transfer.affine(self.rays[index], plane)?;
+        source.quads.contains(warp.u, warp.v).then_some(warp)
+    }
+
+    #[inline]
+    fn geometric_cost(&self, index: usize, plane: &Plane) -> f32 {
+        if self.matcher.sources[index].geometry.is_none() {
+            return 0.0;
+        }
+        let reach = self.matcher.options.geometric_reach;
+        let way = self.seen_by(index, plane).map_or(reach, |seen| seen.way.min(reach));
+        self.matcher.options.geometric * way
+    }
+
+    #[inline]
+    fn prior_cost(&self, w: f32) -> f32 {
+        if self.prior <= 0.0 {
+            return 0.0;
+        }
+        let options = self.matcher.options;
+        let way = (w - self.prior).abs() / (self.step * options.prior_reach);
+        options.prior * way.min(1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_are_listed_and_the_best_of_them_found() {
+        assert_eq!(indices(0).count(), 0);
+        assert_eq!(indices(0b1001_0000_0000_0101).collect::<Vec<_>>(), [0, 2, 12, 15]);
+        let mut values = [(9.0, 9.0); MOST_SOURCES];
+        values[..4].copy_from_slice(&[(0.5, 0.5), (0.4, 0.1), (0.2, 0.2), (0.6, 0.0)]);
+        let costs = Costs { values, count: 4 };
+        let (mean, best) = costs.mean_of_best(2);
+        assert_eq!(best, 0b0110);
+        assert!((mean - 0.15).abs() < 1e-6);
+        assert_eq!(costs.mean_of_best(9).1, 0b1111);
+    }
+}
