@@ -19,6 +19,7 @@ from va_point_mvsnet import POSITION_CHANNELS, FlowNet, padded
 GROUP = 4  # channels that are correlated together
 HALF, QUARTER, EIGHTH = 16, 32, 32  # channels of the features at 1/2, 1/4, 1/8
 STRIDES = (4, 8)  # coarse resolutions
+SLAB = 16  # planes that go through the last layers at once
 
 
 def enlarged(x: Tensor) -> Tensor:
@@ -82,6 +83,7 @@ class SmallVolumeNet(nn.Module):
     def __init__(self, channels: int, norm: str) -> None:
         super().__init__()
         a, b, c, d = 8, 16, 32, 64
+        self.slab = SLAB
         self.same = nn.Conv3d(channels, a, 1)
         self.scale2 = Conv3d(channels, b, 2, norm)
         self.scale2_same = Conv3d(b, b, 1, norm)
@@ -102,8 +104,30 @@ class SmallVolumeNet(nn.Module):
         eighth = self.scale8_same(self.scale8(quarter))
         quarter = self.up4(eighth) + quarter
         half = self.up2(quarter) + half
-        full = self.up1(half) + F.relu(self.same(volume))
-        return self.last(full)[:, 0, :d, :h, :w]
+        if self.training:
+            full = self.up1(half) + F.relu(self.beside(volume))
+            return self.last(full)[:, 0, :d, :h, :w]
+        planes = volume.shape[2]
+        slabs = [
+            self.costs(volume, half, first, min(first + self.slab, planes)) for first in range(0, planes, self.slab)
+        ]
+        return torch.cat(slabs, dim=2)[:, 0, :d, :h, :w]
+
+    def beside(self, volume: Tensor) -> Tensor:
+        """`same` as a product of matrices, which keeps the channels of a place beside each other in memory."""
+        weight = self.same.weight[:, :, 0, 0, 0]
+        return F.linear(volume.permute(0, 2, 3, 4, 1), weight, self.same.bias).permute(0, 4, 1, 2, 3)
+
+    def costs(self, volume: Tensor, half: Tensor, first: int, end: int) -> Tensor:
+        """The last layers for the planes `first` to `end` alone, so that what has their resolution is never whole."""
+        planes = volume.shape[2]
+        low, high = max(first - 1, 0), min(end + 1, planes)
+        # Plane p of the enlarged map is made of planes p/2 and, if it is odd, (p + 1)/2.
+        low_half, high_half = low // 2, min(high // 2 + 1, planes // 2)
+        up = self.up1(half[:, :, low_half:high_half])[:, :, low - 2 * low_half : high - 2 * low_half]
+        full = up + F.relu(self.beside(volume[:, :, low:high]))
+        full = F.pad(full, [0, 0, 0, 0, 1 if first == 0 else 0, 1 if end == planes else 0])
+        return F.conv3d(full, self.last.weight, None, 1, [0, 1, 1])
 
 
 class VisCorr(nn.Module):
