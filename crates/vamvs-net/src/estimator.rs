@@ -34,6 +34,9 @@ pub struct EstimatorOptions {
     pub strip_points: usize,
 }
 
+/// What libtorch keeps beside all tensors once it has run: compiled kernels and the heaps of its threads, bytes.
+const WORKSPACE: usize = 56 << 20;
+
 /// What encoding takes for each pixel of a photograph beside the features, bytes.
 const ENCODING: usize = 128;
 
@@ -41,21 +44,24 @@ const ENCODING: usize = 128;
 const PHOTOGRAPHS: usize = (16 + 4 + 1) * size_of::<Rgb>();
 
 /// What the sweep takes beside the volume, in slabs: warped features and the layers that relate them.
-const SLABS: usize = 6;
+const SLABS: usize = 5;
+
+/// The same of a network whose volume is whole, which has few channels and relates them in one step.
+const SLABS_OF_WHOLE: usize = 2;
 
 /// What regularising takes, in volumes: the volume, the one with the matcher's inputs, and the layers at its own
 /// resolution.
 const VOLUMES: usize = 4;
 
 /// The same of a volume of correlations, which has fewer channels than the layers.
-const CORRELATIONS: usize = 6;
+const CORRELATIONS: usize = 4;
 
 /// What regularising takes that is done slab by slab, in outputs of the first layers.
-const LAYERS: usize = 10;
+const LAYERS: usize = 11;
 
 /// Planes that wait for the first layers at least, and how often they are held.
 const WAITING_PLANES: usize = 10;
-const WAITING: usize = 4;
+const WAITING: usize = 2;
 
 /// What the flow takes for each point, as a multiple of its channels.
 const POINTS: usize = 4;
@@ -180,7 +186,7 @@ impl Estimator {
         let hypotheses = 2 * self.network.manifest().hypotheses + 1;
         let points = self.options.strip_points.min(cells * hypotheses);
         let flow = POINTS * points * widths.point * value;
-        features + encoding.max(self.coarse_bytes(cells, planes)).max(flow)
+        WORKSPACE + features + encoding.max(self.coarse_bytes(cells, planes)).max(flow)
     }
 
     /// What the coarse stage takes for a map of `cells`, bytes.
@@ -193,7 +199,7 @@ impl Estimator {
         let plane = widths.coarse * cells * value;
         let slab = self.options.slab_bytes.clamp(plane, planes * plane);
         if !self.network.manifest().slabs {
-            return (volume + SLABS * slab).max(VOLUMES * volume);
+            return (volume + SLABS_OF_WHOLE * slab).max(VOLUMES * volume);
         }
         let waiting = (slab / plane).max(WAITING_PLANES) * widths.volume * cells * value;
         let first_layers = widths.first_layers * planes * cells * value;

@@ -223,7 +223,7 @@ impl Network {
         if self.manifest.slabs {
             let mut slabs = Slabs::new(self, planes as usize);
             slabs.add(&volume)?;
-            first_layers = slabs.values() / volume.f_select(1, 0)?.numel();
+            first_layers = slabs.values();
             let _costs = slabs.finish()?;
         }
         Ok((volume_channels as usize, first_layers))

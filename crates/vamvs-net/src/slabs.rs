@@ -51,9 +51,11 @@ impl<'a> Slabs<'a> {
         self.process(AT_ONCE)
     }
 
-    /// Values that the first layers have given so far.
+    /// Values that the first layers give of a cell and plane, once they have given any.
     pub fn values(&self) -> usize {
-        self.full.iter().chain(&self.half).map(Tensor::numel).sum()
+        let places = |full: &Tensor| full.numel() / (full.size()[1] as usize).max(1);
+        let (full, half) = (&self.full[0], &self.half[0]);
+        (full.numel() + half.numel()) / places(full).max(1)
     }
 
     /// The planes beyond the last: it is repeated up to the multiple, and what follows is zero.

@@ -1,0 +1,82 @@
+//! What a depth map is expected to take, against what it takes.
+
+#![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+use std::process::Command;
+
+use vamvs_core::{Planes, Size, Spacing};
+use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile, tch};
+use vamvs_tests::{fixtures, folder};
+
+/// Views of a depth map, and planes.
+const VIEWS: usize = 3;
+const PLANES: usize = 64;
+
+/// What expected over taken may be. The same process takes a tenth more or less from run to run, and small maps are the
+/// hardest to tell: most of it is not tensors.
+const LIKELY: std::ops::Range<f64> = 0.7..1.6;
+
+/// Tells the child which network, cells and size it measures.
+const ASKED: &str = "VAMVS_TEST_PEAK";
+
+/// Built-in networks with the cells they are used with.
+const NETWORKS: [(&str, usize); 4] = [("photometric", 8), ("vis-max", 8), ("vis-max", 4), ("vis-corr", 4)];
+
+#[test]
+fn the_expected_peak_is_that_of_the_process() {
+    if let Ok(asked) = std::env::var(ASKED) {
+        return measure(&asked);
+    }
+    let mut ratios = Vec::new();
+    for (network, cells) in NETWORKS {
+        for size in ["320x240", "512x384"] {
+            let (expected, peak) = peak_in_a_process(&format!("{network} {cells} {size}"));
+            let ratio = expected / peak;
+            println!("{network}, cells of {cells}, {size}: {expected:.0} MiB expected, {peak:.0} MiB taken");
+            ratios.push((format!("{network}, cells of {cells}, {size}: {ratio:.2}"), ratio));
+        }
+    }
+    let wrong: Vec<_> = ratios.iter().filter(|(_, ratio)| !LIKELY.contains(ratio)).collect();
+    assert!(wrong.is_empty(), "expected over taken: {wrong:?}");
+}
+
+/// The expected and the real peak of a process that makes one depth map, MiB.
+fn peak_in_a_process(asked: &str) -> (f64, f64) {
+    let name = "the_expected_peak_is_that_of_the_process";
+    let mut child = Command::new(std::env::current_exe().unwrap());
+    let output = child.args([name, "--exact", "--nocapture"]).env(ASKED, asked).output().unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    let line = said.lines().find_map(|line| line.split_once("peak of ")).expect(&said).1;
+    let (expected, peak) = line.split_once(' ').unwrap();
+    (expected.parse().unwrap(), peak.parse().unwrap())
+}
+
+/// Makes a depth map in this process, and says what it was expected to take and what it took.
+fn measure(asked: &str) {
+    let parts: Vec<&str> = asked.split(' ').collect();
+    let (width, height) = parts[2].split_once('x').unwrap();
+    let size = Size::new(width.parse().unwrap(), height.parse().unwrap());
+    let views = fixtures::still_life(size, VIEWS);
+    let path = format!("{}/../weights/{}.pt", env!("CARGO_MANIFEST_DIR"), parts[0]);
+    let mut network = Network::load(path.as_ref(), Device::Cpu).unwrap();
+    network.set_cells(parts[1].parse().unwrap()).unwrap();
+    let options = EstimatorOptions::of(&network);
+    let estimator = Estimator::new(network, options).unwrap();
+    let range = folder::depth_range(&views[0], 1.05).unwrap();
+    let planes = Planes { range, count: PLANES, spacing: Spacing::Depth };
+    let before = held("VmRSS:");
+    let encoded: Vec<_> =
+        tch::no_grad(|| views.iter().map(|view| estimator.network().encode(&view.photo).unwrap()).collect());
+    let sources: Vec<_> = encoded[1..].iter().collect();
+    estimator.estimate(&encoded[0], &sources, &planes, &mut Profile::default()).unwrap();
+    let expected = before + estimator.peak_bytes(size, VIEWS, PLANES) as f64 / f64::from(1 << 20);
+    println!("\npeak of {expected:.1} {:.1}", held("VmHWM:"));
+}
+
+/// A line of `/proc/self/status`, MiB.
+fn held(what: &str) -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix(what)).unwrap();
+    line.trim().trim_end_matches(" kB").parse::<f64>().unwrap() / 1024.0
+}
