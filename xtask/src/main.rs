@@ -4,6 +4,7 @@ mod bench;
 mod convert;
 mod demo;
 mod frames;
+mod fuzz;
 mod libtorch;
 mod maps;
 mod paper;
@@ -12,6 +13,7 @@ mod pip;
 mod real;
 mod report_check;
 mod setup;
+mod soak;
 mod step;
 mod stress;
 mod test;
@@ -34,6 +36,8 @@ enum Command {
     Paper(paper::Paper),
     Bench(bench::Bench),
     Stress(stress::Stress),
+    Soak(soak::Soak),
+    Fuzz(fuzz::Fuzz),
     ReportCheck(report_check::ReportCheck),
     Test(test::Test),
 }
@@ -47,6 +51,8 @@ fn main() -> ExitCode {
         Command::Paper(paper) => paper.run(),
         Command::Bench(bench) => bench.run(),
         Command::Stress(stress) => stress.run(),
+        Command::Soak(soak) => soak.run(),
+        Command::Fuzz(fuzz) => fuzz.run(),
         Command::ReportCheck(check) => check.run(),
         Command::Test(test) => test.run(),
     };

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Pose, Scene, Size, SparsePoint, View};
+use crate::{Pose, Scene, SeenPoints, Size, SparsePoint, View};
 
 /// Nearest and farthest depth, scene units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -79,6 +79,9 @@ impl std::fmt::Display for RangeOrigin {
 /// Fewest points that tell a range.
 const FEWEST_POINTS: usize = 10;
 
+/// Points that are projected into a view whose own points are too few.
+const MOST_PROJECTED: usize = 100_000;
+
 /// How far before and behind the focus geometry looks, as a factor.
 const FOCUS_MARGIN: f64 = 2.5;
 
@@ -89,30 +92,37 @@ const BASELINE_ANGLES: (f64, f64) = (20.0, 2.0);
 /// Optical axes with a smaller sine of the angle between them count as parallel (1.8°).
 const PARALLEL: f64 = 0.0316;
 
-/// The range of a view: that of the scene's files, else [`from_points`], else [`from_geometry`].
+/// The range of a view, of the points that `seen` says it saw: that of the scene's files, else [`from_points`], else [`from_geometry`].
 #[must_use]
-pub fn for_view(scene: &Scene, view: usize, sources: &[usize]) -> Option<(DepthRange, RangeOrigin)> {
+pub fn for_view(
+    scene: &Scene,
+    seen: &SeenPoints,
+    view: usize,
+    sources: &[usize],
+) -> Option<(DepthRange, RangeOrigin)> {
     let from_file = || Some((scene.views[view].depth_range?, RangeOrigin::File));
-    let from_points = || Some((from_points(scene, view)?, RangeOrigin::Points));
+    let from_points = || Some((from_points(scene, seen, view)?, RangeOrigin::Points));
     let from_geometry = || Some((from_geometry(scene, view, sources)?, RangeOrigin::Geometry));
     from_file().or_else(from_points).or_else(from_geometry)
 }
 
 /// The range of the triangulated points that a view saw, or, where tracks do not tell at least ten of
-/// them, of all points that project into its image; `None` if these too are fewer than ten.
+/// them, of all points (of more than 100,000 every so many) that project into its image; `None` if these too are
+/// fewer than ten.
 ///
 /// Of the depths, 1 % at either end are left out, and up to 5 % if they lie far out: beyond the cube
 /// of the ratio of the quartiles (at least 1.5, so a factor of 3.4) from their quartile. The margin is
 /// a tenth of what remains, at least 2 % of the median depth; the near one leaves at least half of the
 /// nearest depth.
 #[must_use]
-pub fn from_points(scene: &Scene, view: usize) -> Option<DepthRange> {
-    let seen = scene.points.iter().filter(|point| point.views.contains(&view));
+pub fn from_points(scene: &Scene, seen: &SeenPoints, view: usize) -> Option<DepthRange> {
+    let seen = seen.by(view).iter().map(|&point| &scene.points[point]);
     let depths = depths_in(&scene.views[view], seen);
     if depths.len() >= FEWEST_POINTS {
         return robust_range(depths);
     }
-    let inside = scene.points.iter().filter(|point| is_inside(&scene.views[view], point));
+    let step = scene.points.len().div_ceil(MOST_PROJECTED).max(1);
+    let inside = scene.points.iter().step_by(step).filter(|point| is_inside(&scene.views[view], point));
     let depths = depths_in(&scene.views[view], inside);
     (depths.len() >= FEWEST_POINTS).then(|| robust_range(depths))?
 }
@@ -209,6 +219,10 @@ mod tests {
         Scene { views: vec![view(Pose::identity())], points, pairs: None }
     }
 
+    fn ranged(scene: &Scene, view: usize) -> Option<DepthRange> {
+        from_points(scene, &SeenPoints::of(scene), view)
+    }
+
     /// `count` depths evenly from 4 to 6.
     fn even(count: usize) -> impl Iterator<Item = f64> {
         (0..count).map(move |i| 4.0 + 2.0 * i as f64 / (count - 1) as f64)
@@ -216,7 +230,7 @@ mod tests {
 
     #[test]
     fn points_give_their_range_and_a_margin() {
-        let range = from_points(&scene(even(1001), &[0]), 0).unwrap();
+        let range = ranged(&scene(even(1001), &[0]), 0).unwrap();
         // 1 % of 2 is left out, then a tenth of 1.96 added.
         assert!((range.near - (4.02 - 0.196)).abs() < 1e-9 && (range.far - (5.98 + 0.196)).abs() < 1e-9);
     }
@@ -224,27 +238,27 @@ mod tests {
     #[test]
     fn outliers_do_not_widen_the_range() {
         let outliers = (0..40).map(|i| if i % 2 == 0 { 1e4 + f64::from(i) } else { 1e-4 });
-        let range = from_points(&scene(even(960).chain(outliers), &[0]), 0).unwrap();
+        let range = ranged(&scene(even(960).chain(outliers), &[0]), 0).unwrap();
         assert!(range.near > 3.5 && range.near < 4.0 && range.far > 6.0 && range.far < 6.5, "{range:?}");
-        let few = from_points(&scene(even(11).chain([1e6]), &[0]), 0).unwrap();
+        let few = ranged(&scene(even(11).chain([1e6]), &[0]), 0).unwrap();
         assert!(few.near < 4.3 && few.far > 5.8 && few.far < 6.5, "{few:?}");
     }
 
     #[test]
     fn a_background_of_a_tenth_of_the_points_is_kept() {
-        let range = from_points(&scene(even(900).chain((0..100).map(|_| 50.0)), &[0]), 0).unwrap();
+        let range = ranged(&scene(even(900).chain((0..100).map(|_| 50.0)), &[0]), 0).unwrap();
         assert!(range.far > 50.0);
     }
 
     #[test]
     fn a_few_points_three_times_as_far_are_no_outliers() {
-        let range = from_points(&scene([5.0; 960].into_iter().chain([15.0; 40]), &[0]), 0).unwrap();
+        let range = ranged(&scene([5.0; 960].into_iter().chain([15.0; 40]), &[0]), 0).unwrap();
         assert!(range.far > 15.0);
     }
 
     #[test]
     fn points_on_a_plane_still_give_a_range() {
-        let range = from_points(&scene([5.0; 20], &[0]), 0).unwrap();
+        let range = ranged(&scene([5.0; 20], &[0]), 0).unwrap();
         assert!((range.near - 4.9).abs() < 1e-9 && (range.far - 5.1).abs() < 1e-9);
     }
 
@@ -253,14 +267,14 @@ mod tests {
         let mut scene = scene(even(100), &[]);
         let aside = |z: f64| SparsePoint { x_in_world: Vector3::new(z, 0.0, z), views: vec![] };
         scene.points.extend([-5.0, -6.0, 100.0].map(aside).into_iter().cycle().take(90));
-        let range = from_points(&scene, 0).unwrap();
+        let range = ranged(&scene, 0).unwrap();
         assert!(range.near > 3.7 && range.far < 6.3, "{range:?}");
     }
 
     #[test]
     fn fewer_than_ten_points_are_too_few() {
-        assert_eq!(from_points(&scene(even(9), &[0]), 0), None);
-        assert_eq!(from_points(&scene((0..50).map(|_| -3.0), &[0]), 0), None);
+        assert_eq!(ranged(&scene(even(9), &[0]), 0), None);
+        assert_eq!(ranged(&scene((0..50).map(|_| -3.0), &[0]), 0), None);
     }
 
     fn looking(from: [f64; 3], to: [f64; 3]) -> View {
@@ -297,12 +311,12 @@ mod tests {
         scene.views.push(looking([1.0, 0.0, 0.0], [0.0, 0.0, 5.0]));
         let given = DepthRange { near: 1.0, far: 2.0 };
         scene.views[0].depth_range = Some(given);
-        assert_eq!(for_view(&scene, 0, &[1]), Some((given, RangeOrigin::File)));
+        assert_eq!(for_view(&scene, &SeenPoints::of(&scene), 0, &[1]), Some((given, RangeOrigin::File)));
         scene.views[0].depth_range = None;
-        assert_eq!(for_view(&scene, 0, &[1]).unwrap().1, RangeOrigin::Points);
+        assert_eq!(for_view(&scene, &SeenPoints::of(&scene), 0, &[1]).unwrap().1, RangeOrigin::Points);
         scene.points.clear();
-        assert_eq!(for_view(&scene, 0, &[1]).unwrap().1, RangeOrigin::Geometry);
-        assert_eq!(for_view(&scene, 0, &[]), None);
+        assert_eq!(for_view(&scene, &SeenPoints::of(&scene), 0, &[1]).unwrap().1, RangeOrigin::Geometry);
+        assert_eq!(for_view(&scene, &SeenPoints::of(&scene), 0, &[]), None);
     }
 
     #[test]

@@ -55,6 +55,28 @@ impl Lens {
         self.bend(x).map(|(bent, _)| bent)
     }
 
+    /// The largest squared radius of normalised points up to which the model is one-to-one, at most `limit`. It is found
+    /// by bisection; who distorts many points asks once and then calls [`Lens::distort_within`].
+    #[must_use]
+    pub fn valid_up_to(&self, limit: f64) -> f64 {
+        if self.is_one_to_one_up_to(limit) {
+            return limit;
+        }
+        let (mut valid, mut folded) = (0.0, limit);
+        for _ in 0..STEPS {
+            let middle = 0.5 * (valid + folded);
+            *(if self.is_one_to_one_up_to(middle) { &mut valid } else { &mut folded }) = middle;
+        }
+        valid
+    }
+
+    /// [`Lens::distort`] for a squared radius `valid` up to which the model is known to be one-to-one; `None` beyond
+    /// it.
+    #[must_use]
+    pub fn distort_within(&self, x: &Vector2<f64>, valid: f64) -> Option<Vector2<f64>> {
+        (x.norm_squared() <= valid).then(|| self.bend_inside(x))?.map(|(bent, _)| bent)
+    }
+
     /// The normalised point that the lens shows at `bent`: the inverse of [`Lens::distort`] to 1e-10.
     ///
     /// `None` if there is none, as outside of the image of a strongly curved lens.
@@ -94,9 +116,25 @@ impl Lens {
 
     /// The distorted point and the Jacobian of the distortion; `None` outside of the domain.
     fn bend(&self, x: &Vector2<f64>) -> Option<Bend> {
-        if !x.norm_squared().is_finite() {
-            return None;
+        let s = x.norm_squared();
+        (s.is_finite() && self.is_one_to_one_up_to(s)).then(|| self.bend_inside(x))?
+    }
+
+    /// Whether the radial part is one-to-one up to a squared radius.
+    fn is_one_to_one_up_to(&self, s: f64) -> bool {
+        match self {
+            Self::None => true,
+            Self::Rational { k, .. } => {
+                let (numerator, denominator) = rational(k);
+                is_positive_up_to(&denominator, s)
+                    && is_positive_up_to(&radial_slope(&numerator, &denominator), s)
+            }
+            Self::Fisheye { k } => is_positive_up_to(&angle_slope(k), s.sqrt().atan().powi(2)),
         }
+    }
+
+    /// As [`Lens::bend`], for a point where the radial part is one-to-one.
+    fn bend_inside(&self, x: &Vector2<f64>) -> Option<Bend> {
         match self {
             Self::None => Some((*x, Matrix2::identity())),
             Self::Rational { k, p } => bend_rational(k, p, x),
@@ -108,14 +146,19 @@ impl Lens {
 /// A distorted point and the derivative of it by the undistorted one.
 type Bend = (Vector2<f64>, Matrix2<f64>);
 
+/// The numerator and the denominator of the rational model, in r².
+fn rational(k: &[f64; 6]) -> ([f64; 4], [f64; 4]) {
+    ([1.0, k[0], k[1], k[2]], [1.0, k[3], k[4], k[5]])
+}
+
+/// The derivative of the bent angle by the angle, in θ².
+fn angle_slope(k: &[f64; 4]) -> [f64; 5] {
+    [1.0, 3.0 * k[0], 5.0 * k[1], 7.0 * k[2], 9.0 * k[3]]
+}
+
 fn bend_rational(k: &[f64; 6], &[p1, p2]: &[f64; 2], x: &Vector2<f64>) -> Option<Bend> {
-    let numerator = [1.0, k[0], k[1], k[2]];
-    let denominator = [1.0, k[3], k[4], k[5]];
+    let (numerator, denominator) = rational(k);
     let s = x.norm_squared();
-    if !(is_positive_up_to(&denominator, s) && is_positive_up_to(&radial_slope(&numerator, &denominator), s))
-    {
-        return None;
-    }
     let (n, dn) = value_and_derivative(&numerator, s);
     let (d, dd) = value_and_derivative(&denominator, s);
     let (factor, slope) = (n / d, (dn * d - n * dd) / (d * d));
@@ -136,12 +179,8 @@ fn bend_fisheye(k: &[f64; 4], x: &Vector2<f64>) -> Option<Bend> {
     }
     let theta = r.atan();
     let s = theta * theta;
-    let slope = [1.0, 3.0 * k[0], 5.0 * k[1], 7.0 * k[2], 9.0 * k[3]];
-    if !is_positive_up_to(&slope, s) {
-        return None;
-    }
     let (polynomial, _) = value_and_derivative(&[1.0, k[0], k[1], k[2], k[3]], s);
-    let (dtheta_bent, _) = value_and_derivative(&slope, s);
+    let (dtheta_bent, _) = value_and_derivative(&angle_slope(k), s);
     let factor = theta * polynomial / r;
     // The factor's derivative by r², from that of the bent angle by r.
     let factor_slope = (dtheta_bent / (1.0 + r * r) - factor) / (2.0 * r * r);
@@ -374,5 +413,19 @@ mod tests {
             prop_assume!(least.abs() > 1e-3);
             prop_assert_eq!(is_positive_up_to(&polynomial, s), least > 0.0);
         }
+    }
+
+    #[test]
+    fn a_radius_asked_for_once_answers_as_each_point_does() {
+        let barrel = Lens::Rational { k: [-0.4, 0.05, 0.0, 0.0, 0.0, 0.0], p: [0.001, 0.0] };
+        let wild = Lens::Rational { k: [0.3, -1.2, 0.4, 0.2, -0.6, 0.0], p: [0.0; 2] };
+        for lens in [Lens::None, barrel, wild, Lens::Fisheye { k: [-0.3, 0.02, 0.0, 0.0] }] {
+            let valid = lens.valid_up_to(16.0);
+            for i in 0..4000 {
+                let x = Vector2::new(0.8, -0.6) * (f64::from(i) / 1000.0);
+                assert_eq!(lens.distort_within(&x, valid), lens.distort(&x), "{lens:?} at {x}, {valid}");
+            }
+        }
+        assert!(barrel.valid_up_to(16.0) < 2.0, "the barrel folds over at r = 1.1");
     }
 }

@@ -15,6 +15,8 @@ use crate::{Camera, Grid, Intrinsics, Pinhole, Rgb, Size};
 pub struct Undistortion {
     camera: Camera,
     pinhole: Pinhole,
+    /// The squared radius up to which the lens is one-to-one, as far as the pinhole sees.
+    valid: f64,
 }
 
 /// tan 60°: half of the largest field of view.
@@ -28,7 +30,21 @@ impl Undistortion {
     #[must_use]
     pub fn new(camera: &Camera) -> Self {
         let intrinsics = if camera.lens.bends() { chosen_intrinsics(camera) } else { camera.intrinsics };
-        Self { camera: *camera, pinhole: Pinhole { size: camera.size, intrinsics } }
+        let pinhole = Pinhole { size: camera.size, intrinsics };
+        Self { camera: *camera, pinhole, valid: camera.lens.valid_up_to(widest_ray(&pinhole)) }
+    }
+
+    /// The same resampling from a photograph of `from` pixels to an image of `to` pixels: the photograph reduced, the
+    /// lens and the field of view as they are.
+    #[must_use]
+    pub fn resized(&self, from: Size, to: Size) -> Self {
+        Self { camera: self.camera.resized(from), pinhole: self.pinhole.resized(to), valid: self.valid }
+    }
+
+    /// Whether an image of the photograph's size differs from the photograph: whether the lens bends.
+    #[must_use]
+    pub fn changes(&self) -> bool {
+        self.camera.lens.bends()
     }
 
     /// The camera of the undistorted image.
@@ -55,14 +71,15 @@ impl Undistortion {
     pub fn mask(&self, mask: Option<&Grid<bool>>) -> Option<Grid<bool>> {
         match mask {
             None if !self.camera.lens.bends() => None,
-            None => Some(self.resample(&Grid::filled(self.camera.size, true), false, |_, _| true)),
+            None => Some(self.gather(false, |_| true)),
+            Some(mask) if !self.camera.lens.bends() => Some(mask.resized_nearest(self.pinhole.size)),
             Some(mask) => Some(self.resample(mask, false, nearest)),
         }
     }
 
     /// Where a pixel of the undistorted image lies in the photograph, if it does.
     fn photograph_from_pinhole(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
-        let bent = self.camera.lens.distort(&self.pinhole.intrinsics.ray(pixel).xy())?;
+        let bent = self.camera.lens.distort_within(&self.pinhole.intrinsics.ray(pixel).xy(), self.valid)?;
         let source = self.camera.intrinsics.project(&bent.push(1.0));
         let Size { width, height } = self.camera.size;
         let inside = |v: f64, count: usize| v >= 0.0 && v <= count as f64;
@@ -76,21 +93,38 @@ impl Undistortion {
         sample: impl Fn(&Grid<T>, &Vector2<f64>) -> T + Sync,
     ) -> Grid<T> {
         assert_eq!(source.size(), self.camera.size, "the image must have the size of its camera");
-        if !self.camera.lens.bends() {
+        if !self.camera.lens.bends() && source.size() == self.pinhole.size {
             return source.clone();
         }
+        self.gather(blank, |pixel| sample(source, pixel))
+    }
+
+    /// Samples for all pixels that lie in the photograph.
+    fn gather<T: Clone + Send + Sync>(
+        &self,
+        blank: T,
+        sample: impl Fn(&Vector2<f64>) -> T + Sync,
+    ) -> Grid<T> {
         let mut out = Grid::filled(self.pinhole.size, blank);
         let width = out.width().max(1);
         out.data_mut().par_chunks_mut(width).enumerate().for_each(|(y, row)| {
             for (x, value) in row.iter_mut().enumerate() {
                 let centre = Vector2::new(x as f64 + 0.5, y as f64 + 0.5);
                 if let Some(pixel) = self.photograph_from_pinhole(&centre) {
-                    *value = sample(source, &pixel);
+                    *value = sample(&pixel);
                 }
             }
         });
         out
     }
+}
+
+/// The largest squared radius of the normalised points in an image, which is that of a corner, and a little more.
+fn widest_ray(pinhole: &Pinhole) -> f64 {
+    let (width, height) = (pinhole.size.width as f64, pinhole.size.height as f64);
+    let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
+    let squares = corners.map(|(x, y)| pinhole.intrinsics.ray(&Vector2::new(x, y)).xy().norm_squared());
+    1.001 * squares.into_iter().fold(0.0, f64::max)
 }
 
 /// The colour at image coordinates inside of the image, between the four nearest pixel centres; beyond
@@ -215,6 +249,28 @@ mod tests {
             assert_eq!(undistortion.mask(None), None);
             let mask = Grid::from_fn(SIZE, |x, y| (x + y) % 3 == 0);
             assert_eq!(undistortion.mask(Some(&mask)), Some(mask));
+        }
+    }
+
+    /// A photograph of half the size, and a mask of the whole size, give the same image of half the size.
+    #[test]
+    fn a_smaller_image_is_that_of_the_same_field_of_view() {
+        let half = Size::new(SIZE.width / 2, SIZE.height / 2);
+        for camera in [barrel(), fisheye()] {
+            let whole = Undistortion::new(&camera);
+            let smaller = whole.resized(half, half);
+            assert_eq!(smaller.pinhole(), whole.pinhole().resized(half));
+            let image = smaller.image(&photograph(&camera.resized(half)));
+            let expected = photograph(&smaller.pinhole().into());
+            let mask = whole.resized(SIZE, half).mask(Some(&Grid::filled(SIZE, true))).unwrap();
+            assert_eq!(mask, smaller.mask(None).unwrap());
+            let differences = image.data().iter().zip(expected.data()).zip(mask.data());
+            let inside: Vec<f64> = differences
+                .filter(|(_, counts)| **counts)
+                .map(|((a, b), _)| f64::from(a[0].abs_diff(b[0])))
+                .collect();
+            let mean = inside.iter().sum::<f64>() / inside.len() as f64;
+            assert!(inside.len() > half.area() * 9 / 10 && mean < 3.0, "mean error {mean}");
         }
     }
 

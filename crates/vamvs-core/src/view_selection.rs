@@ -9,7 +9,7 @@
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 
-use crate::{DepthRange, Pinhole, Scene, Source, View, depth_range, lift::lift};
+use crate::{DepthRange, Pinhole, Scene, SeenPoints, Source, View, depth_range, lift::lift};
 
 /// The best angle between viewing rays, degrees: θ₀ of MVSNet.
 const BEST_ANGLE: f64 = 5.0;
@@ -57,14 +57,14 @@ pub fn select(scene: &Scene, pinholes: &[Pinhole], count: usize) -> Vec<Vec<Sour
         return pairs.iter().map(|sources| sources.iter().copied().take(count).collect()).collect();
     }
     let centres: Vec<_> = scene.views.iter().map(|view| view.cam_from_world.centre()).collect();
-    let seen = shared_points(scene);
+    let (seen, by_view) = (shared_points(scene), SeenPoints::of(scene));
     (0..scene.views.len())
         .into_par_iter()
         .map(|view| {
             let scores = if seen[view].len() >= FEWEST_POINTS {
                 track_scores(scene, &centres, view, &seen[view])
             } else {
-                geometry_scores(scene, &centres, pinholes, view)
+                geometry_scores(scene, (&centres, &by_view), pinholes, view)
             };
             best(&scores, count)
         })
@@ -115,9 +115,14 @@ fn track_scores(scene: &Scene, centres: &[Vector3<f64>], view: usize, seen: &[us
     scores
 }
 
-fn geometry_scores(scene: &Scene, centres: &[Vector3<f64>], pinholes: &[Pinhole], view: usize) -> Vec<Score> {
+fn geometry_scores(
+    scene: &Scene,
+    (centres, seen): (&[Vector3<f64>], &SeenPoints),
+    pinholes: &[Pinhole],
+    view: usize,
+) -> Vec<Score> {
     let near = nearest_views(centres, view);
-    let Some((range, _)) = depth_range::for_view(scene, view, &near) else {
+    let Some((range, _)) = depth_range::for_view(scene, seen, view, &near) else {
         return vec![Score::default(); centres.len()];
     };
     let points = virtual_points(&scene.views[view], &pinholes[view], &range);

@@ -55,6 +55,14 @@ impl ByteReader {
         Ok(bytes)
     }
 
+    /// Leaves out the next `count` bytes, which hold `what`.
+    pub(crate) fn skip(&mut self, count: u64, what: &str) -> Result<(), IoError> {
+        self.expect_remaining(count, what)?;
+        self.inner.seek_relative(count as i64).map_err(IoError::system("read", &self.path))?;
+        self.position += count;
+        Ok(())
+    }
+
     pub(crate) fn u32(&mut self, what: &str) -> Result<u32, IoError> {
         self.take(what).map(u32::from_le_bytes)
     }

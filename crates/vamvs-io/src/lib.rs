@@ -23,6 +23,7 @@ pub mod mvsnet;
 pub mod nerfstudio;
 mod npy;
 pub mod nvm;
+mod occlusion;
 pub mod openmvs;
 pub mod pfm;
 pub mod ply;

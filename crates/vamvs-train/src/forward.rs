@@ -6,7 +6,7 @@
 //! the whole maps at these pixels.
 
 use tch::Tensor;
-use vamvs_net::{Estimator, Profile};
+use vamvs_net::{Estimator, Iteration, Profile};
 
 use crate::TrainError;
 use crate::sample::Sample;
@@ -44,14 +44,14 @@ pub enum Learning {
     All,
 }
 
-/// Runs the coarse stage, and the flow iterations too unless it learns alone.
+/// Runs the coarse stage, and unless it learns alone the flow iterations too: those given, or else the estimator's.
 ///
 /// # Errors
 /// If the module breaks its contract, a file is wrong, or memory runs out.
 pub fn forward(
     estimator: &Estimator,
     sample: &Sample,
-    learning: Learning,
+    (learning, iterations): (Learning, Option<&[Iteration]>),
     profile: &mut Profile,
 ) -> Result<Output, TrainError> {
     let network = estimator.network();
@@ -71,7 +71,11 @@ pub fn forward(
         before: None,
         step: 1.0,
     }];
-    let iterations = if learning == Learning::Coarse { Vec::new() } else { estimator.iterations() };
+    let iterations = match iterations {
+        _ if learning == Learning::Coarse => Vec::new(),
+        None => estimator.iterations(),
+        Some(given) => as_seen(given, enlarge, stride),
+    };
     let finest = iterations.last().map_or(stride, |iteration| iteration.scale);
     for &iteration in &iterations {
         let lattice = Lattice { enlarge, ..Lattice::of(stride, [iteration.scale, finest], sample.lattice) };
@@ -94,6 +98,12 @@ pub fn forward(
         }
     }
     Ok(Output { visibility, stages })
+}
+
+/// Iterations with the scales of the photograph as the network sees it, without those coarser than the coarse map.
+fn as_seen(iterations: &[Iteration], enlarge: usize, stride: usize) -> Vec<Iteration> {
+    let seen = iterations.iter().map(|i| Iteration { scale: i.scale * enlarge, ..*i });
+    seen.filter(|iteration| iteration.scale <= stride).collect()
 }
 
 /// Pixels of a map at 1/scale whose coordinates are ≡ `first` modulo stride / scale.
@@ -154,6 +164,13 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn iterations_are_those_of_the_photograph_as_the_network_sees_it() {
+        let [eighth, quarter] = [(8, 0.75), (4, 0.375)].map(|(scale, step)| Iteration { scale, step });
+        assert_eq!(as_seen(&[eighth, quarter], 1, 8), [eighth, quarter]);
+        assert_eq!(as_seen(&[eighth, quarter], 2, 8), [Iteration { scale: 8, ..quarter }]);
     }
 
     #[test]

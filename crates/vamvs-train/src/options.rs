@@ -1,6 +1,7 @@
 //! How a network is trained.
 
 use serde::{Deserialize, Serialize};
+use vamvs_net::Iteration;
 
 use crate::TrainError;
 
@@ -21,6 +22,8 @@ pub struct TrainOptions {
     pub freeze_norm_after: usize,
     /// Samples a step, their gradients accumulated.
     pub batch: usize,
+    /// The flow iterations that learn; absent: the network's own, which are measured in any case.
+    pub iterations: Option<Vec<Iteration>>,
     /// What is drawn from the scenes.
     pub sample: SampleOptions,
     /// What is minimised.
@@ -156,14 +159,20 @@ impl TrainOptions {
             flow_alone: false,
             freeze_norm_after: steps / 2,
             batch: 2,
+            iterations: None,
             sample: SampleOptions::default(),
             loss: LossOptions::default(),
             optimizer: OptimizerOptions::default(),
         }
     }
 
-    /// The paper's values (section 4.2.2), for `steps` steps: RMSProp, batches of 4 samples of 3 views
-    /// of 640 × 512 pixels and 48 planes, a sixth of the steps for the coarse part alone.
+    /// The paper's training (section 4.2.2), for `steps` steps: RMSProp, batches of 4 samples of 3 views
+    /// of 640 × 512 pixels and 48 planes, a sixth of the steps (4 of 24 epochs) for the coarse part alone, then two flow
+    /// iterations at 1/8 and 1/4 with s = 0.75 and 0.375; depth ranges and photographs as they are.
+    ///
+    /// Three things are not as in the paper. The samples of a batch are shown one after the other, so batch
+    /// normalisation sees the views of one sample at a time. Larger photographs are cut, not resized. The planes
+    /// span each view's own depth range, not one of the whole set.
     #[must_use]
     pub fn paper(steps: usize) -> Self {
         Self {
@@ -171,12 +180,15 @@ impl TrainOptions {
             coarse_steps: steps / 6,
             freeze_norm_after: steps,
             batch: 4,
+            iterations: Some(vec![Iteration { scale: 8, step: 0.75 }, Iteration { scale: 4, step: 0.375 }]),
             sample: SampleOptions {
                 crop: [640, 512],
                 views: [3, 3],
                 max_planes: 48,
                 min_scale: 1.0,
+                range_jitter: 0.0,
                 camera_noise: 0.0,
+                augment: false,
                 ..SampleOptions::default()
             },
             loss: LossOptions { flow_reach: 0.0, cross_entropy: 0.0, ..LossOptions::default() },

@@ -146,7 +146,12 @@ impl<'a> Run<'a> {
             let waiting = Instant::now();
             let sample = loader.next_sample()?;
             waited += waiting.elapsed().as_secs_f64();
-            let output = forward(&self.estimator, &sample, learning, &mut Profile::default())?;
+            let output = forward(
+                &self.estimator,
+                &sample,
+                (learning, options.iterations.as_deref()),
+                &mut Profile::default(),
+            )?;
             let hypotheses = self.estimator.network().manifest().hypotheses;
             let losses = losses(&output, hypotheses, learning, &options.loss)?;
             if let Some(total) = &losses.total {

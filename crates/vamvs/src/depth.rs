@@ -79,7 +79,7 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
     let names = names(&job.scene.views);
     prepare(job)?;
     let begin = Instant::now();
-    let identity = Identity::new(job.module, job.estimator, job.scene, job.photographs);
+    let identity = Identity::new(job.module, job.estimator, job.scene);
     let summary = DepthSummary { reading: begin.elapsed(), ..DepthSummary::default() };
     let for_maps = most_bytes(job.plan, job.estimator).max(refinement_bytes(job));
     let capacity = job.options.max_memory.left().saturating_sub(for_maps) as usize;
@@ -138,7 +138,7 @@ fn map_names(job: &DepthJob, view: usize, name: &str) -> Vec<String> {
 struct Run<'a> {
     job: &'a DepthJob<'a>,
     names: Vec<String>,
-    identity: Identity,
+    identity: Identity<'a>,
     features: FeatureCache<'a>,
     refinement: Option<Refinement<'a>>,
     ceiling: Ceiling,

@@ -1,5 +1,8 @@
 //! The hash of all that makes a depth map: equal hashes, equal maps.
 
+use std::sync::OnceLock;
+
+use rayon::prelude::*;
 use vamvs_core::{Scene, View};
 use vamvs_net::{Estimator, EstimatorOptions};
 use vamvs_refine::RefineOptions;
@@ -10,24 +13,24 @@ use crate::{Photographs, ViewPlan};
 const PIPELINE_VERSION: u32 = 3;
 
 /// Hashes what makes each view's depth map.
-pub struct Identity {
+pub struct Identity<'a> {
     common: String,
-    /// For each view, the hash of its photograph, mask, camera and pose.
-    views: Vec<blake3::Hash>,
+    scene: &'a Scene,
+    /// For each view, the hash of its photograph, mask, camera and pose, once it was asked for.
+    views: Vec<OnceLock<blake3::Hash>>,
 }
 
-impl Identity {
-    /// Hashes the module, how the estimator uses it, and every photograph. One that cannot be read has a hash too:
-    /// the view is left out when its turn comes.
-    pub fn new(module: &[u8], estimator: &Estimator, scene: &Scene, photographs: &Photographs) -> Self {
-        use rayon::prelude::*;
+impl<'a> Identity<'a> {
+    /// Hashes the module and how the estimator uses it. A photograph is hashed when a depth map that it makes has its
+    /// turn, and only once.
+    pub fn new(module: &[u8], estimator: &Estimator, scene: &'a Scene) -> Self {
         // Slabs and strips bound the memory and change nothing of the result.
         let cells = estimator.network().manifest().cells;
         let EstimatorOptions { iterations, completion, guide, slab_bytes: _, strip_points: _ } =
             estimator.options();
         let module = blake3::hash(module);
         let common = format!("{PIPELINE_VERSION} {module} {cells} {iterations:?} {completion:?} {guide:?}");
-        Self { common, views: scene.views.par_iter().map(|view| hash_view(view, photographs)).collect() }
+        Self { common, scene, views: vec![OnceLock::new(); scene.views.len()] }
     }
 
     /// The hash of what makes the depth map of `view` by `plan`, of photographs of the size that `photographs` have, and
@@ -47,10 +50,17 @@ impl Identity {
             hasher.update(format!("{} {options:?}", photographs.full_size()).as_bytes());
         }
         hasher.update(format!("{:?} {:?} {}", plan.planes, plan.region, plan.foveated).as_bytes());
-        for view in std::iter::once(view).chain(plan.sources.iter().copied()) {
-            hasher.update(self.views[view].as_bytes());
+        let views: Vec<usize> = std::iter::once(view).chain(plan.sources.iter().copied()).collect();
+        let hashes: Vec<blake3::Hash> = views.par_iter().map(|&view| self.hash(view, photographs)).collect();
+        for hash in hashes {
+            hasher.update(hash.as_bytes());
         }
         hasher.finalize().to_hex().to_string()
+    }
+
+    /// A photograph that cannot be read has a hash too: its view is left out when its turn comes.
+    fn hash(&self, view: usize, photographs: &Photographs) -> blake3::Hash {
+        *self.views[view].get_or_init(|| hash_view(&self.scene.views[view], photographs))
     }
 }
 

@@ -115,14 +115,14 @@ impl Photographs {
         };
         let mask = both(mask, loaded.alpha_mask);
         let undistortion = Undistortion::new(&camera);
-        let mask = undistortion.mask(mask.as_ref());
         let size = self.working_size(camera.size);
-        let image = resized(undistortion.image(&loaded.rgb), size);
+        let mask = undistortion.resized(camera.size, size).mask(mask.as_ref());
+        let image = undistorted(&undistortion, loaded.rgb, size);
         let foreground = (self.brightness != [0, 255]).then(|| foreground(&image, self.brightness));
         let photo = Photo {
             camera: undistortion.pinhole().resized(size),
             cam_from_world: view.cam_from_world,
-            mask: both(mask.map(|mask| mask.resized_nearest(size)), foreground),
+            mask: both(mask, foreground),
             image,
         };
         Ok((photo, loaded.note.map(|note| format!("{}: {note}", view.name))))
@@ -139,7 +139,30 @@ impl Photographs {
 /// The working cameras of all views of a scene.
 #[must_use]
 pub fn working_cameras(photographs: &Photographs, scene: &Scene) -> Vec<Pinhole> {
-    scene.views.iter().map(|view| photographs.working_camera(&view.camera)).collect()
+    let mut last: Option<(Camera, Pinhole)> = None;
+    let working = |view: &View| match last {
+        // Many views share a camera, and to choose a field of view takes some time.
+        Some((camera, pinhole)) if camera == view.camera => pinhole,
+        _ => last.insert((view.camera, photographs.working_camera(&view.camera))).1,
+    };
+    scene.views.iter().map(working).collect()
+}
+
+/// The undistorted photograph at `size`. A large one is first reduced, without aliasing, to twice that size, so that
+/// at most four times the pixels that are wanted are undistorted.
+fn undistorted(
+    undistortion: &Undistortion,
+    image: Grid<vamvs_core::Rgb>,
+    size: Size,
+) -> Grid<vamvs_core::Rgb> {
+    if !undistortion.changes() {
+        return resized(image, size);
+    }
+    let twice = Size::new(2 * size.width, 2 * size.height);
+    let is_large = twice.width < image.width() && twice.height < image.height();
+    let between = if is_large { twice } else { image.size() };
+    let reduced = resized(image, between);
+    resized(undistortion.resized(between, between).image(&reduced), size)
 }
 
 fn resized(image: Grid<vamvs_core::Rgb>, size: Size) -> Grid<vamvs_core::Rgb> {
@@ -164,6 +187,29 @@ fn both(a: Option<Grid<bool>>, b: Option<Grid<bool>>) -> Option<Grid<bool>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The way by twice the size gives what undistorting the whole photograph gives.
+    #[test]
+    fn a_large_photograph_is_undistorted_as_if_whole() {
+        let intrinsics = vamvs_core::Intrinsics { fx: 900.0, fy: 900.0, cx: 600.0, cy: 400.0 };
+        let lens = vamvs_core::Lens::Rational { k: [-0.15, 0.02, 0.0, 0.0, 0.0, 0.0], p: [0.001, 0.0] };
+        let camera = Camera { size: Size::new(1200, 800), intrinsics, lens };
+        // Waves of 30 pixels, and edges.
+        let grey = |x: usize, y: usize| {
+            let wave = 60.0 * (x as f64 / 4.8).sin() * (y as f64 / 5.1).cos();
+            (128.0 + wave + if (x / 90 + y / 70) % 2 == 0 { 50.0 } else { -50.0 }) as u8
+        };
+        let photograph = Grid::from_fn(camera.size, |x, y| [grey(x, y); 3]);
+        let undistortion = Undistortion::new(&camera);
+        let size = Size::new(300, 200);
+        let expected = resized(undistortion.image(&photograph), size);
+        let found = undistorted(&undistortion, photograph, size);
+        let errors: Vec<u8> =
+            found.data().iter().zip(expected.data()).map(|(a, b)| a[0].abs_diff(b[0])).collect();
+        let mean = errors.iter().map(|&error| f64::from(error)).sum::<f64>() / errors.len() as f64;
+        let off = errors.iter().filter(|&&error| error > 8).count() as f64 / errors.len() as f64;
+        assert!(mean < 1.0 && off < 0.01, "mean {mean}, share off by more than 8 of 255: {off}");
+    }
 
     #[test]
     fn large_photographs_are_reduced_and_small_ones_enlarged_up_to_the_size_asked_for() {

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use vamvs_core::depth_range::{self, RangeOrigin};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::view_selection;
-use vamvs_core::{DepthRange, Pinhole, Planes, Scene, Source};
+use vamvs_core::{DepthRange, Pinhole, Planes, Scene, SeenPoints, Source};
 
 use crate::options::MIN_SIZE;
 use crate::photographs::working_cameras;
@@ -53,7 +53,7 @@ pub fn plan(scene: &Scene, photographs: &Photographs, options: &DepthOptions) ->
     let mut selected = view_selection::select(scene, &cameras, NEIGHBOURS.max(options.views - 1));
     let is_large = |source: &Source| shorter_side(&cameras[source.view]) >= SHORTEST_SIDE;
     selected.iter_mut().for_each(|sources| sources.retain(is_large));
-    let planner = Planner { scene, cameras: &cameras, options };
+    let planner = Planner { scene, seen: SeenPoints::of(scene), cameras: &cameras, options };
     let views: Vec<_> =
         selected.iter().enumerate().map(|(view, sources)| planner.view(view, sources)).collect();
     if let Some(reason) = nothing_to_do(scene, &views) {
@@ -112,6 +112,7 @@ fn nothing_to_do(scene: &Scene, views: &[Result<ViewPlan, String>]) -> Option<St
 
 struct Planner<'a> {
     scene: &'a Scene,
+    seen: SeenPoints,
     cameras: &'a [Pinhole],
     options: &'a DepthOptions,
 }
@@ -144,7 +145,7 @@ impl Planner<'_> {
         if let Some(range) = self.options.depth_range {
             return Ok((range, None));
         }
-        let (range, origin) = depth_range::for_view(self.scene, view, sources).ok_or(
+        let (range, origin) = depth_range::for_view(self.scene, &self.seen, view, sources).ok_or(
             "no depth range: the scene gives none, has too few points, and the cameras tell none; give one with --depth-range",
         )?;
         Ok((range, Some(origin)))

@@ -122,13 +122,13 @@ pub struct SampleFlags {
     /// Smallest scale to which photographs are reduced [default: 0.5; paper: 1].
     #[arg(long, value_name = "SCALE")]
     pub min_scale: Option<f64>,
-    /// Largest change of the ends of the depth range, as a logarithm [default: 0.25].
+    /// Largest change of the ends of the depth range, as a logarithm [default: 0.25; paper: 0].
     #[arg(long, value_name = "LOG")]
     pub range_jitter: Option<f64>,
     /// Deviation of the errors of the sources' cameras, pixels [default: 0.3; paper: 0].
     #[arg(long, value_name = "PIXELS")]
     pub camera_noise: Option<f64>,
-    /// Photographs as they are: no change of colours, exposure, sharpness, no noise.
+    /// Photographs as they are, as with the paper's preset: no change of colours, exposure, sharpness, no noise.
     #[arg(long)]
     pub no_augmentation: bool,
     /// Weigh views by the scenes' true visibility instead of the network's (vis-var, an experiment).
@@ -156,7 +156,9 @@ pub struct WatchingFlags {
 pub enum TrainPreset {
     /// Small cut-outs, many steps.
     Compact,
-    /// The paper's values.
+    /// The paper's training: two flow iterations (s = 0.75 and 0.375), no augmentation. Not as in the paper: samples of
+    /// a batch come one after the other, so that batch normalisation sees one at a time; photographs larger than the
+    /// cut-outs are cut; planes span each view's own depth range.
     Paper,
 }
 

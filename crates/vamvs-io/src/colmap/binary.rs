@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use vamvs_core::Camera;
 
 use super::camera;
-use super::model::{self, Image, Model, Observation, Point};
+use super::model::{self, Image, Keypoints, Model, Observation, Point};
 use crate::bytes::ByteReader;
 use crate::{IoError, atomic};
 
@@ -31,11 +31,12 @@ const POINT_BYTES: u64 = 8 + 3 * 8 + 3 + 8 + 8;
 const TRACK_BYTES: u64 = 2 * 4;
 
 /// Reads the binary model in `folder`.
-pub(super) fn read(folder: &Path) -> Result<Model, IoError> {
+pub(super) fn read(folder: &Path, keypoints: Keypoints) -> Result<Model, IoError> {
     let points = folder.join("points3D.bin");
+    let image = |file: &mut ByteReader| read_image(file, keypoints);
     Ok(Model {
         cameras: read_cameras(&folder.join("cameras.bin"))?,
-        images: read_list(&folder.join("images.bin"), IMAGE_BYTES, "images", read_image)?,
+        images: read_list(&folder.join("images.bin"), IMAGE_BYTES, "images", image)?,
         points: if points.is_file() {
             read_list(&points, POINT_BYTES, "points", read_point)?
         } else {
@@ -97,7 +98,7 @@ fn read_camera(file: &mut ByteReader) -> Result<(u32, Camera), IoError> {
     camera.map(|camera| (id, camera)).map_err(|problem| file.malformed(position, about(problem)))
 }
 
-fn read_image(file: &mut ByteReader) -> Result<Image, IoError> {
+fn read_image(file: &mut ByteReader, keypoints: Keypoints) -> Result<Image, IoError> {
     let position = file.position();
     let id = file.u32("image id")?;
     let (quaternion, translation) = (file.f64s("rotation")?, file.f64s("translation")?);
@@ -106,10 +107,13 @@ fn read_image(file: &mut ByteReader) -> Result<Image, IoError> {
     let cam_from_world = model::pose(quaternion, translation)
         .map_err(|problem| file.malformed(position, format!("image {id} ({name:?}): {problem}")))?;
     let count = file.count(OBSERVATION_BYTES, "keypoints")?;
-    let mut observations = Vec::with_capacity(count);
-    for _ in 0..count {
-        observations.push(read_observation(file)?);
-    }
+    let observations = match keypoints {
+        Keypoints::Read => (0..count).map(|_| read_observation(file)).collect::<Result<_, _>>()?,
+        Keypoints::Skip => {
+            file.skip(count as u64 * OBSERVATION_BYTES, "keypoints")?;
+            Vec::new()
+        }
+    };
     Ok(Image { id, name, camera_id, cam_from_world, observations })
 }
 

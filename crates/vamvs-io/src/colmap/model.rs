@@ -60,6 +60,13 @@ pub struct Point {
     pub track: Vec<(u32, u32)>,
 }
 
+/// What becomes of the images' keypoints when a binary model is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Keypoints {
+    Read,
+    Skip,
+}
+
 impl Model {
     /// Reads the model in `folder`: the binary files if there is a `cameras.bin`, else the text files.
     ///
@@ -69,8 +76,21 @@ impl Model {
     /// If a file cannot be read or is malformed, a camera's model is not supported, a pose or a camera
     /// is none, or an image's camera does not exist.
     pub fn read(folder: &Path) -> Result<Self, IoError> {
+        Self::read_with(folder, Keypoints::Read)
+    }
+
+    /// Reads the model in `folder` as [`Model::read`] does, but of binary files without the images' keypoints: they
+    /// are most of a model, and the tracks of the points tell who sees what.
+    ///
+    /// # Errors
+    /// As [`Model::read`].
+    pub fn read_without_keypoints(folder: &Path) -> Result<Self, IoError> {
+        Self::read_with(folder, Keypoints::Skip)
+    }
+
+    fn read_with(folder: &Path, keypoints: Keypoints) -> Result<Self, IoError> {
         let model = if folder.join("cameras.bin").is_file() {
-            binary::read(folder)?
+            binary::read(folder, keypoints)?
         } else if folder.join("cameras.txt").is_file() {
             text::read(folder)?
         } else {

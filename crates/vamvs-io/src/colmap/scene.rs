@@ -14,7 +14,7 @@ use crate::{IoError, Loaded, Place, folder};
 /// # Errors
 /// If the model cannot be read (see [`Model::read`]), has no images, or photographs are missing.
 pub fn read_scene(model: &Path, images: &Path) -> Result<Loaded, IoError> {
-    let Model { cameras, images: mut registered, points } = Model::read(model)?;
+    let Model { cameras, images: mut registered, points } = Model::read_without_keypoints(model)?;
     if registered.is_empty() {
         let problem = "expected registered images, found none";
         return Err(IoError::malformed(model, Place::Whole, problem));

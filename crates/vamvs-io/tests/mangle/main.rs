@@ -12,19 +12,21 @@ mod fixture;
 #[path = "../mat_file/mod.rs"]
 mod mat_file;
 mod memory;
+#[macro_use]
+mod readers;
 
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use proptest::test_runner::{Config, TestCaseError, TestRunner};
-use vamvs_core::Size;
 use vamvs_io::{
     IoError, Loaded, atomic, bundler, colmap, depth, dtu, image, masks, mvsnet, nerfstudio, nvm, openmvs,
     pfm, ply, tnt, visibility,
 };
 
-use fixture::{Fixture, SIZE};
+use fixture::Fixture;
+use readers::{BASE, COMPRESSED, PICTURE};
 
 /// Damaged files a reader is tried with in the default suite.
 const CASES: u32 = 200;
@@ -32,15 +34,6 @@ const CASES: u32 = 200;
 /// Bytes that a reader may take for each byte of its files. A list in JSON takes two bytes there, and a
 /// hundred in memory.
 const FACTOR: usize = 256;
-
-/// Bytes that a reader may take in any case: buffers, lists of files.
-const BASE: usize = 4 << 20;
-
-/// Bytes that a picture may take: what it announces, up to `image`'s limit, twice while it is converted.
-const PICTURE: usize = 4 << 30;
-
-/// Bytes that a compressed file may take: what it says that it unpacks to.
-const COMPRESSED: usize = 1 << 30;
 
 /// A reader: what it reads of a folder, whether that succeeded, and the most memory that it may take
 /// however small the files are.
@@ -118,39 +111,7 @@ macro_rules! readers {
     };
 }
 
-readers! {
-    colmap_text: fixture::colmap_text, BASE, |f| colmap::read_scene(f, f).is_ok();
-    colmap_binary: fixture::colmap_binary, BASE, |f| colmap::read_scene(f, f).is_ok();
-    colmap_depth_map: fixture::colmap_maps, BASE, |f| colmap::dense::read_depth_map(&f.join("d.bin")).is_ok();
-    colmap_normal_map: fixture::colmap_maps, BASE, |f| colmap::dense::read_normal_map(&f.join("n.bin")).is_ok();
-    mvsnet_folder: fixture::mvsnet, BASE, |f| {
-        mvsnet::read_scene(f, f, Some(&f.join("pair.txt")), &mvsnet::Options::default()).is_ok()
-    };
-    nerfstudio_scene: fixture::nerfstudio, BASE, |f| nerfstudio::read_scene(f, None).is_ok();
-    bundler_scene: fixture::bundler, BASE, |f| bundler::read_scene(&f.join("bundle.out"), None).is_ok();
-    nvm_scene: fixture::nvm, BASE, |f| nvm::read_scene(&f.join("scene.nvm"), None).is_ok();
-    openmvs_scene: fixture::openmvs, BASE, |f| openmvs::read_scene(&f.join("scene.mvs"), None).is_ok();
-    pfm_map: fixture::pfm, BASE, |f| pfm::read_depth(&f.join("1.pfm")).is_ok();
-    pfm_rgb: fixture::pfm, BASE, |f| pfm::read_rgb(&f.join("3.pfm")).is_ok();
-    ply_binary: fixture::ply_binary, BASE, |f| ply::read(&f.join("cloud.ply")).is_ok();
-    ply_with_lists: fixture::ply_with_lists, BASE, |f| ply::read(&f.join("cloud.ply")).is_ok();
-    ply_ascii: fixture::ply_ascii, BASE, |f| ply::read(&f.join("cloud.ply")).is_ok();
-    jpeg: fixture::jpeg, PICTURE, |f| read_picture(&f.join("a.jpeg"));
-    png: fixture::png, PICTURE, |f| read_picture(&f.join("a.png"));
-    tiff: fixture::tiff, PICTURE, |f| read_picture(&f.join("a.tiff"));
-    bmp: fixture::bmp, PICTURE, |f| read_picture(&f.join("a.bmp"));
-    webp: fixture::webp, PICTURE, |f| read_picture(&f.join("a.webp"));
-    mask: fixture::png, PICTURE, |f| masks::load(&f.join("a.png"), SIZE).is_ok();
-    depth_png: fixture::depth_png, PICTURE, |f| depth::read(&f.join("d.png"), 0.001).is_ok();
-    dtu_mask: fixture::dtu, BASE, |f| dtu::read_mask(&f.join("mask.mat")).is_ok();
-    dtu_mask_compressed: fixture::dtu_compressed, COMPRESSED, |f| dtu::read_mask(&f.join("mask.mat")).is_ok();
-    dtu_plane: fixture::dtu, BASE, |f| dtu::read_plane(&f.join("plane.mat")).is_ok();
-    tnt_volume: fixture::tnt, BASE, |f| tnt::read_volume(&f.join("volume.json")).is_ok();
-    tnt_alignment: fixture::tnt, BASE, |f| tnt::read_alignment(&f.join("alignment.txt")).is_ok();
-    visibility_tiles: fixture::visibility, PICTURE, |f| {
-        visibility::read(&f.join("v.png"), Size::new(SIZE.width, SIZE.height / 2), 2).is_ok()
-    };
-}
+with_readers!(readers);
 
 /// In every layout a photograph without a header is one bad view, which is told when it is decoded.
 #[test]
@@ -178,9 +139,4 @@ fn a_photograph_without_header_does_not_end_a_scene() {
             assert!(error.to_string().contains("b.png"), "{error}");
         }
     }
-}
-
-fn read_picture(path: &Path) -> bool {
-    let size = image::stored_size(path);
-    image::load(path).is_ok_and(|image| size.is_ok_and(|size| size == image.rgb.size()))
 }

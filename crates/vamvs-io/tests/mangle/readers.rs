@@ -1,0 +1,60 @@
+//! All readers: what each reads of a folder, the whole files that it begins with, and the most memory that it may
+//! take however small the files are. Shared with the coverage-guided fuzzing in `fuzz/`.
+
+use std::path::Path;
+
+use vamvs_io::image;
+
+/// Bytes that a reader may take in any case: buffers, lists of files.
+pub const BASE: usize = 4 << 20;
+
+/// Bytes that a picture may take: what it announces, up to `image`'s limit, twice while it is converted.
+pub const PICTURE: usize = 4 << 30;
+
+/// Bytes that a compressed file may take: what it says that it unpacks to.
+pub const COMPRESSED: usize = 1 << 30;
+
+/// Gives the list of readers, `NAME: FIXTURE, BYTES, READ;`, to a macro.
+macro_rules! with_readers {
+    ($callback:ident) => {
+        $callback! {
+            colmap_text: fixture::colmap_text, BASE, |f| colmap::read_scene(f, f).is_ok();
+            colmap_binary: fixture::colmap_binary, BASE, |f| colmap::read_scene(f, f).is_ok();
+            colmap_depth_map: fixture::colmap_maps, BASE, |f| colmap::dense::read_depth_map(&f.join("d.bin")).is_ok();
+            colmap_normal_map: fixture::colmap_maps, BASE, |f| colmap::dense::read_normal_map(&f.join("n.bin")).is_ok();
+            mvsnet_folder: fixture::mvsnet, BASE, |f| {
+                mvsnet::read_scene(f, f, Some(&f.join("pair.txt")), &mvsnet::Options::default()).is_ok()
+            };
+            nerfstudio_scene: fixture::nerfstudio, BASE, |f| nerfstudio::read_scene(f, None).is_ok();
+            bundler_scene: fixture::bundler, BASE, |f| bundler::read_scene(&f.join("bundle.out"), None).is_ok();
+            nvm_scene: fixture::nvm, BASE, |f| nvm::read_scene(&f.join("scene.nvm"), None).is_ok();
+            openmvs_scene: fixture::openmvs, BASE, |f| openmvs::read_scene(&f.join("scene.mvs"), None).is_ok();
+            pfm_map: fixture::pfm, BASE, |f| pfm::read_depth(&f.join("1.pfm")).is_ok();
+            pfm_rgb: fixture::pfm, BASE, |f| pfm::read_rgb(&f.join("3.pfm")).is_ok();
+            ply_binary: fixture::ply_binary, BASE, |f| ply::read(&f.join("cloud.ply")).is_ok();
+            ply_with_lists: fixture::ply_with_lists, BASE, |f| ply::read(&f.join("cloud.ply")).is_ok();
+            ply_ascii: fixture::ply_ascii, BASE, |f| ply::read(&f.join("cloud.ply")).is_ok();
+            jpeg: fixture::jpeg, PICTURE, |f| readers::read_picture(&f.join("a.jpeg"));
+            png: fixture::png, PICTURE, |f| readers::read_picture(&f.join("a.png"));
+            tiff: fixture::tiff, PICTURE, |f| readers::read_picture(&f.join("a.tiff"));
+            bmp: fixture::bmp, PICTURE, |f| readers::read_picture(&f.join("a.bmp"));
+            webp: fixture::webp, PICTURE, |f| readers::read_picture(&f.join("a.webp"));
+            mask: fixture::png, PICTURE, |f| masks::load(&f.join("a.png"), fixture::SIZE).is_ok();
+            depth_png: fixture::depth_png, PICTURE, |f| depth::read(&f.join("d.png"), 0.001).is_ok();
+            dtu_mask: fixture::dtu, BASE, |f| dtu::read_mask(&f.join("mask.mat")).is_ok();
+            dtu_mask_compressed: fixture::dtu_compressed, COMPRESSED, |f| dtu::read_mask(&f.join("mask.mat")).is_ok();
+            dtu_plane: fixture::dtu, BASE, |f| dtu::read_plane(&f.join("plane.mat")).is_ok();
+            tnt_volume: fixture::tnt, BASE, |f| tnt::read_volume(&f.join("volume.json")).is_ok();
+            tnt_alignment: fixture::tnt, BASE, |f| tnt::read_alignment(&f.join("alignment.txt")).is_ok();
+            visibility_tiles: fixture::visibility, PICTURE, |f| {
+                visibility::read(&f.join("v.png"), vamvs_core::Size::new(fixture::SIZE.width, fixture::SIZE.height / 2), 2).is_ok()
+            };
+        }
+    };
+}
+
+/// Whether a picture can be decoded and has the size that its header tells.
+pub fn read_picture(path: &Path) -> bool {
+    let size = image::stored_size(path);
+    image::load(path).is_ok_and(|image| size.is_ok_and(|size| size == image.rgb.size()))
+}

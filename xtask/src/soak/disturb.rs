@@ -1,0 +1,215 @@
+//! What a round does to the run, and what must hold after it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+
+use super::case::Disturbance;
+use super::process::{Ended, Signal, Timed};
+use super::random::Random;
+use super::{Round, check, scene};
+
+/// Files that tell of the memory budget.
+const OF_THE_BUDGET: [&str; 3] = ["run.toml", "fusion.json", "report.html"];
+
+/// What a process with libtorch takes before it has done anything, bytes: a smaller budget cannot be kept.
+const LEAST_BUDGET: u64 = 768 << 20;
+
+/// The program's exit code after SIGTERM.
+const TERMINATED: i32 = 128 + 15;
+
+impl Round<'_> {
+    /// Disturbs the run, and tells what was wrong.
+    pub fn disturbed(mut self) -> Result<Vec<String>> {
+        let mut random = self.case.random();
+        match self.case.disturbance {
+            Disturbance::Killed(times) => self.killed(times, &mut random)?,
+            Disturbance::Terminated => self.terminated(&mut random)?,
+            Disturbance::Paused(times) => self.paused(times, &mut random)?,
+            Disturbance::FullDisk(share) => self.full_disk(share)?,
+            Disturbance::BadPhotograph => self.bad_photograph(&mut random)?,
+            Disturbance::DamagedResults(count) => self.damaged_results(count, &mut random)?,
+            Disturbance::Budget(bytes) => self.budget(bytes)?,
+            Disturbance::SynthKilled => self.synth_killed(&mut random)?,
+        }
+        Ok(self.findings)
+    }
+
+    /// A time during the run, as long as it takes undisturbed.
+    fn some_time(&self, random: &mut Random) -> Duration {
+        Duration::from_secs_f64(self.undisturbed.seconds * random.share())
+    }
+
+    fn killed(&mut self, times: usize, random: &mut Random) -> Result<()> {
+        for _ in 0..times {
+            let at = self.some_time(random);
+            self.run(&[], &[Timed { at, signal: Signal::Kill }])?;
+            self.whole_if_there(true)?;
+        }
+        self.finish(&[])
+    }
+
+    fn terminated(&mut self, random: &mut Random) -> Result<()> {
+        let at = self.some_time(random);
+        let ended = self.run(&[], &[Timed { at, signal: Signal::Terminate }])?;
+        // Before the program watches for signals, the system ends it.
+        let expected =
+            ended.code == Some(TERMINATED) || ended.signal == Some(15) || ended.code == self.undisturbed.code;
+        self.expect(expected, || {
+            format!("after SIGTERM the program ends with {ended}: {}", ended.last_line())
+        });
+        self.whole_if_there(false)?;
+        self.finish(&[])
+    }
+
+    fn paused(&mut self, times: usize, random: &mut Random) -> Result<()> {
+        let mut signals = Vec::new();
+        for _ in 0..times {
+            let at = self.some_time(random);
+            signals.push(Timed { at, signal: Signal::Stop });
+            let pause = Duration::from_secs_f64(random.between(0.05, 1.5));
+            signals.push(Timed { at: at + pause, signal: Signal::Continue });
+        }
+        let ended = self.run(&[], &signals)?;
+        self.ends_as_undisturbed(&ended);
+        self.check_whole(false)?;
+        self.check_same(&[])
+    }
+
+    fn full_disk(&mut self, share: f64) -> Result<()> {
+        let sizes = check::files(&self.reference)?.into_values().map(|path| Ok(path.metadata()?.len()));
+        let all: u64 = sizes.sum::<Result<u64>>()?;
+        fs::create_dir_all(&self.out)?;
+        let bytes = ((all as f64 * share) as u64).max(64 << 10);
+        let Some(disk) = Disk::mount(&self.out, bytes)? else {
+            println!("   skipped: a small tmpfs cannot be mounted (root can)");
+            return Ok(());
+        };
+        let ended = self.run(&[], &[])?;
+        let full = ended.code == Some(1) && ended.messages.contains("No space left");
+        let fits = ended.code == self.undisturbed.code;
+        self.expect(full || fits, || {
+            format!("on a full disk the program ends with {ended}: {}", ended.last_line())
+        });
+        self.check_whole(false)?;
+        disk.enlarge()?;
+        self.finish(&[])
+    }
+
+    fn bad_photograph(&mut self, random: &mut Random) -> Result<()> {
+        let path = random.one_of(&self.scene.photographs);
+        let good = fs::read(&path)?;
+        let half = good[..good.len() / 2].to_vec();
+        save(&path, &random.one_of(&[Vec::new(), b"no image".to_vec(), half]))?;
+        let ended = self.run(&[], &[])?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        self.expect(matches!(ended.code, Some(0 | 1)), || format!("with a bad photograph: {ended}"));
+        self.expect(ended.messages.contains(&name), || {
+            format!("nothing is said of the bad photograph {name}")
+        });
+        self.whole_if_there(false)?;
+        save(&path, &good)?;
+        self.finish(&[])
+    }
+
+    fn damaged_results(&mut self, count: usize, random: &mut Random) -> Result<()> {
+        let ended = self.run(&[], &[])?;
+        self.ends_as_undisturbed(&ended);
+        for _ in 0..count {
+            let files: Vec<(String, PathBuf)> = check::files(&self.out)?.into_iter().collect();
+            // `run.toml` is what people edit, and nothing is resumed from the others.
+            let resumed = |name: &str| {
+                ["depths/", "confidence/", "cams/", "images/"].iter().any(|f| name.starts_with(f))
+            };
+            let files: Vec<PathBuf> =
+                files.into_iter().filter(|(name, _)| resumed(name)).map(|(_, path)| path).collect();
+            if files.is_empty() {
+                break;
+            }
+            let path = random.one_of(&files);
+            let content = fs::read(&path)?;
+            match random.below(3) {
+                0 => fs::remove_file(&path)?,
+                1 => save(&path, &[])?,
+                _ => save(&path, &content[..random.below(content.len().max(1))])?,
+            }
+        }
+        self.finish(&[])
+    }
+
+    fn budget(&mut self, bytes: u64) -> Result<()> {
+        let ended = self.run(&["--max-memory".to_owned(), format!("{bytes}B")], &[])?;
+        self.whole_if_there(false)?;
+        self.expect(matches!(ended.code, Some(0 | 1)), || format!("with {bytes} bytes of memory: {ended}"));
+        let over = ended.peak_bytes > bytes && bytes >= LEAST_BUDGET;
+        self.expect(!over, || {
+            format!("a budget of {} MiB, a peak of {} MiB", bytes >> 20, ended.peak_bytes >> 20)
+        });
+        let told = ["memory", "reduced"].iter().any(|word| ended.messages.contains(word));
+        if ended.code == Some(0) && !ended.messages.contains("reduced") {
+            self.check_same(&OF_THE_BUDGET)?;
+        } else if ended.code != self.undisturbed.code {
+            self.expect(told, || format!("with {bytes} bytes: {ended}, and not why: {}", ended.last_line()));
+        }
+        self.finish(&[])
+    }
+
+    fn synth_killed(&mut self, random: &mut Random) -> Result<()> {
+        let folder = self.out.with_file_name("set-again");
+        let arguments = scene::synth_arguments(self.case, &folder);
+        let parent = self.out.parent().context("a folder")?.to_owned();
+        let at = Duration::from_secs_f64(random.between(0.0, 3.0));
+        let killed = self.program.run(&arguments, &parent, &[Timed { at, signal: Signal::Kill }])?;
+        let ended = self.program.run(&arguments, &parent, &[])?;
+        [killed, ended.clone()].iter().for_each(|ended| self.check_ended(ended));
+        self.expect(ended.code == Some(0), || format!("vamvs synth goes on and ends with {ended}"));
+        for part in ["images", "cams", "depths", "visibility", "objects"] {
+            let whole = |set: &str| self.out.with_file_name(set).join("scene-00000").join(part);
+            self.findings.extend(check::differences(&whole("set"), &whole("set-again"), &[])?);
+        }
+        Ok(())
+    }
+
+    fn ends_as_undisturbed(&mut self, ended: &Ended) {
+        let same = ended.code == self.undisturbed.code;
+        self.expect(same, || format!("the run ends with {ended}: {}", ended.last_line()));
+    }
+
+    /// A run that ended early may have left no folder at all.
+    fn whole_if_there(&mut self, may_have_temporary: bool) -> Result<()> {
+        fs::create_dir_all(&self.out)?;
+        self.check_whole(may_have_temporary)
+    }
+}
+
+fn save(path: &Path, content: &[u8]) -> Result<()> {
+    vamvs_io::atomic::write(path, |out| out.write_all(content)).context("damaging a file")
+}
+
+/// A small disk in memory, given back when it is dropped.
+struct Disk(PathBuf);
+
+impl Disk {
+    /// A disk of so many bytes at `path`; `None` if this user cannot mount one.
+    fn mount(path: &Path, bytes: u64) -> Result<Option<Self>> {
+        let options = format!("size={bytes}");
+        let mut mount = Command::new("mount");
+        mount.args(["-t", "tmpfs", "-o", &options, "tmpfs"]).arg(path).stderr(Stdio::null());
+        Ok(mount.status().is_ok_and(|status| status.success()).then(|| Self(path.to_owned())))
+    }
+
+    fn enlarge(&self) -> Result<()> {
+        let done = Command::new("mount").args(["-o", "remount,size=1g"]).arg(&self.0).status()?;
+        anyhow::ensure!(done.success(), "the small disk cannot be enlarged");
+        Ok(())
+    }
+}
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg("-l").arg(&self.0).status();
+    }
+}
