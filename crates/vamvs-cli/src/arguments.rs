@@ -392,7 +392,7 @@ pub struct FusionFlags {
     /// Views that must agree on a point, its own included [default: dynamic 2, classic 3].
     #[arg(long, value_name = "N")]
     pub min_views: Option<usize>,
-    /// dynamic: what the votes for a point times the number of voters must come to; a vote is at most 1 [default: 0.8].
+    /// dynamic: what the votes for a point times the number of voters must come to; a vote is at most 1 [default: 0.6].
     #[arg(long, value_name = "VOTES")]
     pub min_support: Option<f32>,
     /// dynamic: what a view that sees through a point takes away from its votes; 0 for nothing

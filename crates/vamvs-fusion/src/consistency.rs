@@ -8,6 +8,11 @@
 //! checking of D2HC-RMVSNet (Yan et al. 2020), but without steps. All of it is shares and angles, so it does not depend on
 //! the scene's scale. The numbers are those of the ablation `crates/vamvs/examples/fusion_ablation.rs`.
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "one lane of many arrays at a time, as the compiler turns into vectors"
+)]
+
 use crate::pair::Pair;
 use crate::photometric::FilteredView;
 use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits};

@@ -1,5 +1,10 @@
 //! From kept pixels to points, each place once (section 4.2.2).
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "one lane of many arrays at a time, as the compiler turns into vectors"
+)]
+
 use std::ops::Range;
 
 use rayon::prelude::*;

@@ -1,5 +1,10 @@
 //! Surface normals of a depth map.
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "one lane of many arrays at a time, as the compiler turns into vectors"
+)]
+
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use vamvs_core::Grid;

@@ -4,6 +4,11 @@
 //! the reference view. If both see the same surface, it comes back near the pixel and near its depth
 //! (section 4.2.2).
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "one lane of many arrays at a time, as the compiler turns into vectors"
+)]
+
 use crate::pair::Pair;
 use crate::wide::widened;
 

@@ -70,7 +70,7 @@ fn variants() -> Vec<(String, FuseOptions)> {
     let mut variants: Vec<_> =
         [2, 3, 4].map(|views| (format!("classic, {views} views"), classic(views))).into();
     let default = FuseOptions::default();
-    for min_support in [0.4, default.min_support, 1.2] {
+    for min_support in [0.4, default.min_support, 0.8] {
         for contradiction in [0.0, default.contradiction, 1.0] {
             let name = format!("dynamic, support {min_support}, contradiction {contradiction}");
             variants.push((name, FuseOptions { min_support, contradiction, ..FuseOptions::default() }));
