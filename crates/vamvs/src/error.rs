@@ -11,6 +11,9 @@ pub enum VamvsError {
     /// Fusion.
     #[error(transparent)]
     Fuse(#[from] vamvs_fusion::FuseError),
+    /// Refinement.
+    #[error(transparent)]
+    Refine(#[from] vamvs_refine::RefineError),
     /// The network.
     #[cfg(feature = "net")]
     #[error(transparent)]

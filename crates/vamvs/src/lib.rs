@@ -3,7 +3,7 @@
 //! This is the face of the library, what other programs embed. In the order in which data flows:
 //! [`input`] reads a scene, [`plan`](mod@plan) decides for each view its source views, depth range and
 //! planes, [`depth`] estimates the depth maps with the network and keeps them in an [`output`] folder,
-//! [`maps`] reads depth maps, these or those of other programs, [`fuse`](mod@fuse) merges them into a cloud and
+//! [`refine`](mod@refine) brings depth maps to the size of their photographs, [`maps`] reads depth maps, these or those of other programs, [`fuse`](mod@fuse) merges them into a cloud and
 //! [`export`] hands on to other programs. [`report`] shows a run on a page, [`eval`] measures results against truth. Progress comes as
 //! [`Event`]s; nothing here prints.
 //!
@@ -30,6 +30,7 @@ pub mod options;
 pub mod output;
 pub mod photographs;
 pub mod plan;
+pub mod refine;
 pub mod report;
 #[cfg(feature = "net")]
 pub mod weights;
@@ -56,3 +57,4 @@ pub use vamvs_fusion as fusion;
 pub use vamvs_io as io;
 #[cfg(feature = "net")]
 pub use vamvs_net as net;
+pub use vamvs_refine as refinement;

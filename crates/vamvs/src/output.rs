@@ -1,5 +1,5 @@
 //! The output folder: MVSNet-like, `cams/NAME_cam.txt`, `depths/NAME.pfm`, `confidence/NAME.pfm`,
-//! `images/NAME.png`, `pair.txt`, `fused.ply`.
+//! `images/NAME.png`, `pair.txt`, `fused.ply`; where depth maps were refined, `normals/NAME.pfm` too.
 //!
 //! NAME is the photograph's name without its extension, `__` for each `/` between folders. Cameras and
 //! photographs are undistorted and of the depth map's size, so the folder is itself a scene that this
@@ -97,6 +97,12 @@ impl OutputFolder {
         self.file("confidence", name, ".coarse.pfm")
     }
 
+    /// `normals/NAME.pfm`: unit normals in the world, towards the camera, zero where there is no depth.
+    #[must_use]
+    pub fn normals(&self, name: &str) -> PathBuf {
+        self.file("normals", name, ".pfm")
+    }
+
     /// `pair.txt`.
     #[must_use]
     pub fn pairs(&self) -> PathBuf {
@@ -152,7 +158,7 @@ impl OutputFolder {
             std::fs::create_dir_all(&folder).map_err(failed)?;
             remove_unfinished(&folder)?;
         }
-        Ok(())
+        remove_unfinished(&self.root.join("normals"))
     }
 
     /// Writes `pair.txt` once all views of these names are there: for each its source views, indices
@@ -225,9 +231,33 @@ impl OutputFolder {
     /// # Errors
     /// If a file cannot be written.
     pub fn save(&self, name: &str, saved: &SavedMap, record: &Record) -> Result<(), VamvsError> {
-        let map = saved.map;
         remove(&self.fusion())?;
         self.discard(name)?;
+        self.write_map(name, saved, record)
+    }
+
+    /// Saves a depth map as [`OutputFolder::save`] does, with its normals in the world.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn save_with_normals(
+        &self,
+        name: &str,
+        saved: &SavedMap,
+        normals: &Grid<[f32; 3]>,
+        record: &Record,
+    ) -> Result<(), VamvsError> {
+        remove(&self.fusion())?;
+        self.discard(name)?;
+        let folder = self.root.join("normals");
+        let failed = |source| IoError::System { action: "make the folder", path: folder.clone(), source };
+        std::fs::create_dir_all(&folder).map_err(failed)?;
+        pfm::write_rgb(&self.normals(name), normals)?;
+        self.write_map(name, saved, record)
+    }
+
+    fn write_map(&self, name: &str, saved: &SavedMap, record: &Record) -> Result<(), VamvsError> {
+        let map = saved.map;
         image::save_png_rgb(&self.image(name), saved.colour)?;
         pfm::write(&self.confidence(name), &map.confidence)?;
         if let Some(coarse) = &map.coarse_confidence {
@@ -245,7 +275,10 @@ impl OutputFolder {
     pub fn discard(&self, name: &str) -> Result<(), VamvsError> {
         let files =
             [self.record(name), self.cam(name), self.depth(name), self.confidence(name), self.image(name)];
-        files.iter().chain(&[self.coarse_confidence(name)]).try_for_each(|file| remove(file))
+        files
+            .iter()
+            .chain(&[self.coarse_confidence(name), self.normals(name)])
+            .try_for_each(|file| remove(file))
     }
 
     /// The record of a view's depth map, if there is a complete one.
