@@ -3,6 +3,7 @@
 #[cfg(feature = "net")]
 mod calibrate;
 mod eval;
+mod refine;
 mod synth;
 #[cfg(feature = "net")]
 mod train;
@@ -22,6 +23,7 @@ pub use eval::{
     CloudPreset, DepthThresholdFlags, DtuFlags, EvalArguments, EvalCloudArguments, EvalCommand,
     EvalDepthArguments, EvalGeneralFlags, EvalSceneArguments, TntFlags,
 };
+pub use refine::RefineArguments;
 pub use synth::{AssetFlags, SynthArguments};
 #[cfg(feature = "net")]
 pub use train::{OptimizerRule, SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
@@ -46,6 +48,9 @@ pub enum Command {
     #[cfg(feature = "net")]
     #[command(after_help = "Example:\n  vamvs depth --colmap sparse/0 --images images --out out")]
     Depth(DepthArguments),
+    /// Depth maps → depth maps of the photographs' full size, with normals.
+    #[command(after_help = refine::EXAMPLES)]
+    Refine(RefineArguments),
     /// Depth maps → one cloud: filter and merge.
     #[command(after_help = FUSE_EXAMPLES)]
     Fuse(FuseArguments),
@@ -89,7 +94,7 @@ impl Command {
         match self {
             #[cfg(feature = "net")]
             Self::Reconstruct(_) | Self::Depth(_) | Self::Train(_) => GOES_ON,
-            Self::Synth(_) => GOES_ON,
+            Self::Synth(_) | Self::Refine(_) => GOES_ON,
             _ => "stopped; no file is half-written, the same command again starts anew",
         }
     }
@@ -235,7 +240,6 @@ pub struct InfoArguments {
 }
 
 /// Where the scene is.
-#[cfg(feature = "net")]
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Input")]
 pub struct InputFlags {

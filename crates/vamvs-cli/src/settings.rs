@@ -184,13 +184,11 @@ pub fn depth_range(numbers: Option<&[f64]>) -> Result<Option<vamvs::core::DepthR
     Ok(Some(vamvs::core::DepthRange::try_new(near, far).context("--depth-range")?))
 }
 
-#[cfg(feature = "net")]
-mod depth {
+mod input {
     use super::*;
-    use crate::arguments::{DepthFlags, InputFlags, Spacing};
+    use crate::arguments::InputFlags;
     use std::path::Path;
     use vamvs::Input;
-    use vamvs::core::Scene;
     use vamvs::io::masks::Masks;
     use vamvs::io::mvsnet;
 
@@ -213,54 +211,6 @@ mod depth {
             }
             set(&mut input.depth_line, flags.depth_line);
             set(&mut input.pixel_centre, flags.pixel_centre);
-        }
-
-        /// Lets depth flags win.
-        pub fn apply_depth(&mut self, flags: &DepthFlags) -> Result<()> {
-            set(&mut self.weights, flags.weights.clone().map(Some));
-            set(&mut self.device, flags.device.clone().map(Some));
-            let depth = &mut self.depth;
-            set(&mut depth.max_size, flags.max_size);
-            set(&mut depth.network_size, flags.network_size);
-            depth.refine &= !flags.no_refine;
-            set(&mut depth.enlarge, flags.enlarge);
-            set(&mut depth.min_brightness, flags.min_brightness);
-            set(&mut depth.max_brightness, flags.max_brightness);
-            set(&mut depth.cells, flags.cells.map(Some));
-            set(&mut depth.views, flags.views);
-            set(&mut depth.planes, flags.planes.map(Some));
-            set(&mut depth.max_planes, flags.max_planes);
-            set(&mut depth.iterations, flags.iterations.map(Some));
-            set(&mut depth.depth_range, depth_range(flags.depth_range.as_deref())?.map(Some));
-            let spacing = flags.spacing.map(|spacing| match spacing {
-                Spacing::Depth => vamvs::core::Spacing::Depth,
-                Spacing::InverseDepth => vamvs::core::Spacing::InverseDepth,
-            });
-            set(&mut depth.spacing, spacing.map(Some));
-            if let Some(roi) = roi(flags.roi.as_deref())? {
-                depth.roi = Some(roi);
-                self.fusion.roi = Some(roi);
-            }
-            depth.fovea |= flags.fovea;
-            if depth.fovea {
-                self.fusion.roi = None;
-            }
-            Ok(())
-        }
-
-        /// With `--preview`, the settings of a quick look at this scene, where flags still win.
-        #[must_use]
-        pub fn previewing(&self, scene: &Scene, flags: &DepthFlags) -> Self {
-            let mut settings = self.clone();
-            if flags.preview {
-                let sides = scene.views.iter().map(|view| view.camera.size);
-                let longer = sides.map(|size| size.width.max(size.height)).max().unwrap_or(0);
-                settings.depth = settings.depth.preview(longer);
-                set(&mut settings.depth.max_size, flags.max_size);
-                set(&mut settings.depth.cells, flags.cells.map(Some));
-                set(&mut settings.depth.iterations, flags.iterations.map(Some));
-            }
-            settings
         }
     }
 
@@ -328,6 +278,63 @@ mod depth {
                 PixelCentre::Half => mvsnet::PixelCentre::Half,
                 PixelCentre::Integer => mvsnet::PixelCentre::Integer,
             }
+        }
+    }
+}
+
+#[cfg(feature = "net")]
+mod depth {
+    use super::*;
+    use crate::arguments::{DepthFlags, Spacing};
+    use vamvs::core::Scene;
+
+    impl Settings {
+        /// Lets depth flags win.
+        pub fn apply_depth(&mut self, flags: &DepthFlags) -> Result<()> {
+            set(&mut self.weights, flags.weights.clone().map(Some));
+            set(&mut self.device, flags.device.clone().map(Some));
+            let depth = &mut self.depth;
+            set(&mut depth.max_size, flags.max_size);
+            set(&mut depth.network_size, flags.network_size);
+            depth.refine &= !flags.no_refine;
+            set(&mut depth.enlarge, flags.enlarge);
+            set(&mut depth.min_brightness, flags.min_brightness);
+            set(&mut depth.max_brightness, flags.max_brightness);
+            set(&mut depth.cells, flags.cells.map(Some));
+            set(&mut depth.views, flags.views);
+            set(&mut depth.planes, flags.planes.map(Some));
+            set(&mut depth.max_planes, flags.max_planes);
+            set(&mut depth.iterations, flags.iterations.map(Some));
+            set(&mut depth.depth_range, depth_range(flags.depth_range.as_deref())?.map(Some));
+            let spacing = flags.spacing.map(|spacing| match spacing {
+                Spacing::Depth => vamvs::core::Spacing::Depth,
+                Spacing::InverseDepth => vamvs::core::Spacing::InverseDepth,
+            });
+            set(&mut depth.spacing, spacing.map(Some));
+            if let Some(roi) = roi(flags.roi.as_deref())? {
+                depth.roi = Some(roi);
+                self.fusion.roi = Some(roi);
+            }
+            depth.fovea |= flags.fovea;
+            if depth.fovea {
+                self.fusion.roi = None;
+            }
+            Ok(())
+        }
+
+        /// With `--preview`, the settings of a quick look at this scene, where flags still win.
+        #[must_use]
+        pub fn previewing(&self, scene: &Scene, flags: &DepthFlags) -> Self {
+            let mut settings = self.clone();
+            if flags.preview {
+                let sides = scene.views.iter().map(|view| view.camera.size);
+                let longer = sides.map(|size| size.width.max(size.height)).max().unwrap_or(0);
+                settings.depth = settings.depth.preview(longer);
+                set(&mut settings.depth.max_size, flags.max_size);
+                set(&mut settings.depth.cells, flags.cells.map(Some));
+                set(&mut settings.depth.iterations, flags.iterations.map(Some));
+            }
+            settings
         }
     }
 }

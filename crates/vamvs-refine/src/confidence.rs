@@ -2,11 +2,50 @@
 
 use crate::Features;
 
-/// The likelihood that a depth is right to 1 %: a logistic function of the features, fitted to rendered scenes.
+/// Correlation from which on the photographs alone tell how likely a depth is right.
+const MATCHED: f32 = 0.5;
+
+/// The share of the seed's confidence that stays where the photographs tell nothing.
+const UNMATCHED: f32 = 0.5;
+
+/// Luminance of medium texture, grey values.
+const TEXTURE: f32 = 4.0;
+
+/// Distance from the seed that counts half, pixels of disparity.
+const MOVED: f32 = 2.0;
+
+/// The likelihood that a depth is right to 1 %: a logistic function of the features, fitted to four views of two
+/// rendered scenes; without correlation, a share of the seed's confidence.
 pub(crate) fn of(features: &Features) -> f32 {
-    let Features { correlation, agreement, moved, seed, geometric, .. } = *features;
-    let near = if moved < 0.0 { 0.0 } else { 1.0 / (1.0 + moved * moved / 4.0) };
+    let matched = (features.correlation / MATCHED).clamp(0.0, 1.0);
+    matched * likelihood(features) + (1.0 - matched) * UNMATCHED * features.seed
+}
+
+fn likelihood(features: &Features) -> f32 {
+    let Features { correlation, agreement, texture, moved, geometric, .. } = *features;
+    let near = if moved < 0.0 { 0.0 } else { 1.0 / (1.0 + (moved / MOVED).powi(2)) };
     let known = if geometric < 0.0 { 0.0 } else { 3.0 * (geometric - 0.5) };
-    let sum = -3.0 + 3.0 * correlation.max(0.0) + 1.5 * agreement + 1.5 * near + 1.5 * seed + known;
+    let contrast = texture / (texture + TEXTURE);
+    let sum = -0.25 + 4.6 * correlation + 0.5 * agreement + 1.7 * near - 3.7 * contrast + known;
     1.0 / (1.0 + (-sum).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: Features =
+        Features { correlation: 0.95, agreement: 1.0, texture: 15.0, moved: 0.5, seed: 0.7, geometric: -1.0 };
+
+    #[test]
+    fn confidence_falls_with_everything_that_speaks_against_a_depth() {
+        let good = of(&GOOD);
+        assert!(good > 0.9 && good <= 1.0);
+        assert!(of(&Features { correlation: 0.4, ..GOOD }) < 0.7 * good);
+        assert!(of(&Features { moved: 20.0, ..GOOD }) < good);
+        assert!(of(&Features { geometric: 0.0, ..GOOD }) < of(&Features { geometric: 1.0, ..GOOD }));
+        let textureless = Features { correlation: 0.0, texture: 0.0, ..GOOD };
+        assert!((of(&textureless) - 0.35).abs() < 1e-6, "half of the seed's");
+        assert_eq!(of(&Features { seed: 0.0, moved: -1.0, ..textureless }), 0.0);
+    }
 }

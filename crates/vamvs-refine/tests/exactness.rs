@@ -8,7 +8,8 @@ use vamvs_core::{DepthMap, Grid};
 use vamvs_refine::{RefineOptions, Refined, refine, refine_geometric};
 
 fn refined(set: &Set) -> Refined {
-    refine(&set.photos[0], &sources(set), &seed(set), &[], &RefineOptions::default()).unwrap()
+    refine(&set.photos[0], &sources(set), &seed(set), &[], &RefineOptions::default())
+        .expect("the set fits together")
 }
 
 /// Errors of disparity of all pixels at least `border` from the image's border.

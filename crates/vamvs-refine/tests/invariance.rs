@@ -9,7 +9,8 @@ use vamvs_core::{Grid, Rgb};
 use vamvs_refine::{RefineError, RefineOptions, Refined, refine};
 
 fn refined(set: &Set) -> Refined {
-    refine(&set.photos[0], &sources(set), &seed(set), &[], &RefineOptions::default()).unwrap()
+    refine(&set.photos[0], &sources(set), &seed(set), &[], &RefineOptions::default())
+        .expect("the set fits together")
 }
 
 #[test]
@@ -33,7 +34,7 @@ fn scale_rotation_and_place_change_nothing_but_the_unit() {
 fn the_bits_do_not_depend_on_the_number_of_threads() {
     let set = render(common::step, HERE);
     let with = |threads: usize| {
-        ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| refined(&set))
+        ThreadPoolBuilder::new().num_threads(threads).build().expect("threads").install(|| refined(&set))
     };
     let (one, five) = (with(1), with(5));
     assert_eq!(one.map, five.map);

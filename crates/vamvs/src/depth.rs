@@ -4,7 +4,6 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use nalgebra::Vector3;
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Planes, Rgb, Scene, Size, Source};
 use vamvs_io::image;
@@ -454,12 +453,9 @@ impl Run<'_> {
 }
 
 /// A refined depth map with its photograph.
-fn refined((Refined { mut map, normals, .. }, photo): (Refined, Rc<Photo>)) -> MadeMap {
-    // What the network's coarse stage was sure of is in the confidence.
-    map.coarse_confidence = None;
-    let world_from_cam = map.cam_from_world.rotation.transpose().cast::<f32>();
-    let in_world = |normal: &[f32; 3]| (world_from_cam * Vector3::from(*normal)).into();
-    MadeMap { colour: photo.image.clone(), normals: Some(normals.map(in_world)), map }
+fn refined((refined, photo): (Refined, Rc<Photo>)) -> MadeMap {
+    let normals = Some(refined.normals_in_world());
+    MadeMap { colour: photo.image.clone(), normals, map: refined.map }
 }
 
 /// Leaves no depth where the mask of the photograph says not to look.

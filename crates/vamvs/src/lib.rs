@@ -2,8 +2,8 @@
 //!
 //! This is the face of the library, what other programs embed. In the order in which data flows:
 //! [`input`] reads a scene, [`plan`](mod@plan) decides for each view its source views, depth range and
-//! planes, [`depth`] estimates the depth maps with the network, refines them to the size of their photographs and keeps
-//! them in an [`output`] folder,
+//! planes, [`depth`] estimates the depth maps with the network, brings them to the size of their photographs and keeps
+//! them in an [`output`] folder, [`refine`](mod@refine) does the latter with depth maps at hand,
 //! [`maps`] reads depth maps, these or those of other programs, [`fuse`](mod@fuse) merges them into a cloud and
 //! [`export`] hands on to other programs. [`report`] shows a run on a page, [`eval`] measures results against truth. Progress comes as
 //! [`Event`]s; nothing here prints.
@@ -33,6 +33,7 @@ pub mod options;
 pub mod output;
 pub mod photographs;
 pub mod plan;
+pub mod refine;
 #[cfg(feature = "net")]
 mod refinement;
 pub mod report;
@@ -61,4 +62,3 @@ pub use vamvs_fusion as fusion;
 pub use vamvs_io as io;
 #[cfg(feature = "net")]
 pub use vamvs_net as net;
-pub use vamvs_refine as refine;

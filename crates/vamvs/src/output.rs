@@ -1,5 +1,5 @@
 //! The output folder: MVSNet-like, `cams/NAME_cam.txt`, `depths/NAME.pfm`, `confidence/NAME.pfm`,
-//! `images/NAME.png`, `pair.txt`, `fused.ply`.
+//! `images/NAME.png`, `pair.txt`, `fused.ply`; where depth maps were refined, `normals/NAME.pfm` too.
 //!
 //! NAME is the photograph's name without its extension, `__` for each `/` between folders. Cameras and
 //! photographs are undistorted and of the depth map's size, so the folder is itself a scene that this
@@ -99,7 +99,7 @@ impl OutputFolder {
         self.file("confidence", name, ".coarse.pfm")
     }
 
-    /// `normals/NAME.pfm`: unit normals in the world's frame, where the depth map's maker tells them.
+    /// `normals/NAME.pfm`: unit normals in the world, towards the camera, zero where there is no depth.
     #[must_use]
     pub fn normals(&self, name: &str) -> PathBuf {
         self.file("normals", name, ".pfm")
@@ -155,14 +155,11 @@ impl OutputFolder {
     /// If a folder cannot be made, or the folder holds depth maps of other views.
     pub fn prepare(&self, names: &[&str]) -> Result<(), VamvsError> {
         self.expect_only(names)?;
-        for folder in
-            ["cams", "images", "depths", "confidence", "normals", "."].map(|folder| self.root.join(folder))
-        {
-            let failed = |source| IoError::System { action: "make the folder", path: folder.clone(), source };
-            std::fs::create_dir_all(&folder).map_err(failed)?;
+        for folder in ["cams", "images", "depths", "confidence", "."].map(|folder| self.root.join(folder)) {
+            make_folder(&folder)?;
             remove_unfinished(&folder)?;
         }
-        Ok(())
+        remove_unfinished(&self.root.join("normals"))
     }
 
     /// Writes `pair.txt` once all views of these names are there: for each its source views, indices
@@ -235,15 +232,16 @@ impl OutputFolder {
     /// # Errors
     /// If a file cannot be written.
     pub fn save(&self, name: &str, saved: &SavedMap, record: &Record) -> Result<(), VamvsError> {
-        let map = saved.map;
         remove(&self.fusion())?;
         self.discard(name)?;
+        let map = saved.map;
         image::save_png_rgb(&self.image(name), saved.colour)?;
         pfm::write(&self.confidence(name), &map.confidence)?;
         if let Some(coarse) = &map.coarse_confidence {
             pfm::write(&self.coarse_confidence(name), coarse)?;
         }
         if let Some(normals) = saved.normals {
+            make_folder(&self.root.join("normals"))?;
             pfm::write_rgb(&self.normals(name), normals)?;
         }
         pfm::write(&self.depth(name), &map.depth)?;
@@ -341,6 +339,11 @@ pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, VamvsErro
     let folder = |problem: String| VamvsError::Folder { path: path.to_owned(), problem };
     let text = std::fs::read_to_string(path).map_err(|error| folder(format!("cannot be read: {error}")))?;
     serde_json::from_str(&text).map_err(|error| folder(format!("is not what vamvs wrote: {error}")))
+}
+
+fn make_folder(folder: &Path) -> Result<(), IoError> {
+    let failed = |source| IoError::System { action: "make the folder", path: folder.to_owned(), source };
+    std::fs::create_dir_all(folder).map_err(failed)
 }
 
 /// Removes what a killed run was writing.

@@ -72,6 +72,11 @@ impl Photographs {
         self.brightness
     }
 
+    /// What of the options beside the size changes photographs: enlargement, and the darkest and brightest grey value.
+    pub(crate) fn shape(&self) -> (f64, [u8; 2]) {
+        (self.enlarge, self.brightness)
+    }
+
     /// The folder of photographs.
     #[must_use]
     pub fn folder(&self) -> &Path {

@@ -7,10 +7,8 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Scene};
 use vamvs_refine::{RefineOptions, Refined, refine};
 
+use crate::refine::PhotoCache;
 use crate::{Photographs, VamvsError};
-
-/// Photographs that are kept beside those of one depth map: neighbours share most of theirs.
-const BESIDE: usize = 3;
 
 /// What refining a depth map takes for each pixel of the photograph, bytes: planes, features and the images of the
 /// reference and its sources.
@@ -21,8 +19,7 @@ pub(crate) struct Refinement<'a> {
     scene: &'a Scene,
     photographs: Photographs,
     options: RefineOptions,
-    /// Least recently used first.
-    kept: Vec<(usize, Rc<Photo>)>,
+    kept: PhotoCache,
     /// Time that reading photographs took.
     pub reading: Duration,
     /// Time that refining took.
@@ -44,7 +41,14 @@ impl<'a> Refinement<'a> {
     pub fn new(scene: &'a Scene, photographs: &Photographs) -> Self {
         let (reading, refining) = (Duration::ZERO, Duration::ZERO);
         let options = RefineOptions::default();
-        Self { scene, photographs: photographs.full(), options, kept: Vec::new(), reading, refining }
+        Self {
+            scene,
+            photographs: photographs.full(),
+            options,
+            kept: PhotoCache::default(),
+            reading,
+            refining,
+        }
     }
 
     /// The refined depth map of `view`, compared with `sources`, and its photograph.
@@ -54,9 +58,9 @@ impl<'a> Refinement<'a> {
         sources: &[usize],
         seed: &Seed<'_>,
     ) -> Result<(Refined, Rc<Photo>), VamvsError> {
-        let reference = self.photo(view, sources.len())?;
+        let reference = self.photo(view)?;
         let others: Vec<Rc<Photo>> =
-            sources.iter().map(|&source| self.photo(source, sources.len())).collect::<Result<_, _>>()?;
+            sources.iter().map(|&source| self.photo(source)).collect::<Result<_, _>>()?;
         let begin = Instant::now();
         let limited = seed.region.map(|region| limited(&reference, region));
         let limited = limited.as_ref().unwrap_or(&reference);
@@ -73,25 +77,19 @@ impl<'a> Refinement<'a> {
 
     /// Gives up all photographs.
     pub fn clear(&mut self) {
-        self.kept.clear();
+        self.kept = PhotoCache::default();
     }
 
-    /// A photograph at full size, of which the last few are kept.
-    fn photo(&mut self, view: usize, sources: usize) -> Result<Rc<Photo>, VamvsError> {
-        if let Some(place) = self.kept.iter().position(|(kept, _)| *kept == view) {
-            let entry = self.kept.remove(place);
-            self.kept.push(entry);
-        } else {
+    /// A photograph at full size.
+    fn photo(&mut self, view: usize) -> Result<Rc<Photo>, VamvsError> {
+        let (scene_view, photographs, reading) =
+            (&self.scene.views[view], &self.photographs, &mut self.reading);
+        self.kept.get(view, || {
             let begin = Instant::now();
-            let scene_view = &self.scene.views[view];
-            let (photo, _) =
-                self.photographs.load(scene_view).map_err(|error| error.of_view(&scene_view.name))?;
-            self.reading += begin.elapsed();
-            let most = sources + 1 + BESIDE;
-            self.kept.drain(..(self.kept.len() + 1).saturating_sub(most));
-            self.kept.push((view, Rc::new(photo)));
-        }
-        Ok(Rc::clone(&self.kept[self.kept.len() - 1].1))
+            let (photo, _) = photographs.load(scene_view).map_err(|error| error.of_view(&scene_view.name))?;
+            *reading += begin.elapsed();
+            Ok(photo)
+        })
     }
 }
 

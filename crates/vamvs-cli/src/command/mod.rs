@@ -10,6 +10,7 @@ mod info;
 mod manual;
 #[cfg(feature = "net")]
 mod reconstruct;
+mod refine;
 mod report;
 mod synth;
 #[cfg(feature = "net")]
@@ -27,6 +28,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
         #[cfg(feature = "net")]
         Command::Depth(arguments) => depth::run(arguments),
+        Command::Refine(arguments) => refine::run(arguments),
         Command::Fuse(arguments) => fuse::run(arguments),
         Command::Synth(arguments) => synth::run(arguments),
         #[cfg(feature = "net")]

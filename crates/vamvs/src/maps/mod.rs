@@ -128,6 +128,12 @@ impl Maps {
         self.root.join(if self.own.is_some() { "fused.ply" } else { "vamvs.ply" })
     }
 
+    /// The views with their cameras, and what the folder tells of which see the same.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
     /// The views' names, as [`names`] makes them.
     #[must_use]
     pub fn names(&self) -> &[String] {

@@ -1,0 +1,46 @@
+//! The arguments of `vamvs refine`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{CommonFlags, InputFlags};
+
+pub const EXAMPLES: &str = "\
+Examples:
+  vamvs refine out --colmap sparse/0 --images images     photographs as `vamvs reconstruct` got them
+  vamvs fuse out/refined
+  vamvs refine dense                                     COLMAP's workspace, with its own photographs
+  vamvs refine out --cams cams --images images --max-size 3000 --out fine
+
+Depth maps that are in --out already, made of the same depth maps, photographs and settings, are kept,
+so a run that was interrupted goes on where it was.";
+
+/// `refine`.
+#[derive(Debug, Args)]
+pub struct RefineArguments {
+    /// Folder of depth maps, as for `vamvs fuse`.
+    #[arg(value_name = "DEPTHS")]
+    pub depths: PathBuf,
+    /// The scene with the photographs; without it those beside the depth maps.
+    #[command(flatten)]
+    pub input: InputFlags,
+    /// Folder for refined depth maps [default: refined/ beside the depth maps].
+    #[arg(short, long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Longer side to which larger photographs are reduced, pixels: depth maps get the same size [default: 2000].
+    #[arg(long, value_name = "PIXELS")]
+    pub max_size: Option<usize>,
+    /// Views compared for a depth map, the reference included [default: 5].
+    #[arg(long, value_name = "N")]
+    pub views: Option<usize>,
+    /// Match photographs alone, without the depth maps of other views: in less time, with more outliers.
+    #[arg(long)]
+    pub no_geometric: bool,
+    /// Refine anew what is there already.
+    #[arg(long)]
+    pub force: bool,
+    /// What every command has.
+    #[command(flatten)]
+    pub common: CommonFlags,
+}

@@ -1,0 +1,106 @@
+//! `vamvs refine`: depth maps of the photographs' full size from smaller ones.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use serde_json::json;
+use vamvs::core::Scene;
+use vamvs::io::masks::Masks;
+use vamvs::refine::{RefineJob, RefineOptions, RefineSummary, refine};
+use vamvs::{DepthOptions, Maps, OutputFolder, Photographs};
+
+use crate::arguments::RefineArguments;
+use crate::progress::Progress;
+use crate::settings::Settings;
+
+/// Runs the command.
+pub fn run(arguments: &RefineArguments) -> Result<()> {
+    let mut settings = Settings::load(&arguments.common)?;
+    settings.apply_input(&arguments.input);
+    settings.use_threads()?;
+    let progress = Progress::of(&arguments.common);
+    let mut show = |event| progress.show(event);
+    let maps = Maps::open(&arguments.depths, Masks::None, &mut show)?.readable(&mut show)?;
+    super::expect_all_views(&arguments.common, maps.left_out())?;
+    let given = Photographed::new(arguments, &settings, &maps, &progress)?;
+    let output = OutputFolder::new(&out(arguments, &maps));
+    if settings.input.given().chain([maps.root()]).any(|input| same(input, output.root())) {
+        bail!("--out {}: is read from, choose another folder", output.root().display());
+    }
+    let views = arguments.views.unwrap_or(settings.depth.views);
+    if views < 2 {
+        bail!("--views must be at least 2, got {views}");
+    }
+    let job = RefineJob {
+        maps: &maps,
+        scene: &given.scene,
+        photographs: &given.photographs,
+        options: &RefineOptions::default(),
+        views,
+        geometric: !arguments.no_geometric,
+        output: &output,
+        force: arguments.force,
+    };
+    let summary = refine(&job, &mut |event| progress.show(event))?;
+    progress.finish();
+    say(&summary, &progress);
+    if arguments.common.json {
+        println!("{}", as_json(&summary));
+    } else {
+        println!("{}", output.root().display());
+    }
+    super::expect_all_views(&arguments.common, &summary.skipped)
+}
+
+/// The scene with its photographs.
+struct Photographed {
+    scene: Scene,
+    photographs: Photographs,
+}
+
+impl Photographed {
+    /// The scene that is given, or the one beside the depth maps.
+    fn new(
+        arguments: &RefineArguments,
+        settings: &Settings,
+        maps: &Maps,
+        progress: &Progress,
+    ) -> Result<Self> {
+        let max_size = arguments.max_size.unwrap_or(settings.depth.max_size);
+        let options = DepthOptions { max_size, ..settings.depth.clone() };
+        if settings.input.given().next().is_none() {
+            let images = maps.root().join("images");
+            let masks = settings.input.masks(&Masks::None)?;
+            let photographs = Photographs::new(&images, masks, &options).full();
+            return Ok(Self { scene: maps.scene().clone(), photographs });
+        }
+        let loaded = settings.input.scene()?.load()?;
+        loaded.warnings.iter().for_each(|warning| progress.warn(warning));
+        let masks = settings.input.masks(&loaded.masks)?;
+        let photographs = Photographs::new(&loaded.images, masks, &options).full();
+        Ok(Self { photographs, scene: loaded.scene })
+    }
+}
+
+fn out(arguments: &RefineArguments, maps: &Maps) -> PathBuf {
+    arguments.out.clone().unwrap_or_else(|| maps.root().join("refined"))
+}
+
+fn same(a: &std::path::Path, b: &std::path::Path) -> bool {
+    a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
+}
+
+fn say(summary: &RefineSummary, progress: &Progress) {
+    let RefineSummary { made, resumed, skipped, .. } = summary;
+    progress
+        .say(&format!("{made} depth maps refined, {resumed} were there, {} views left out", skipped.len()));
+}
+
+/// The summary for scripts.
+fn as_json(summary: &RefineSummary) -> serde_json::Value {
+    let RefineSummary { made, resumed, skipped, reading, photometric, geometric, writing } = summary;
+    let [read, photometric, geometric, write] =
+        [reading, photometric, geometric, writing].map(|time| time.as_secs_f64());
+    let seconds = json!({"read": read, "photometric": photometric, "geometric": geometric, "write": write});
+    json!({"made": made, "resumed": resumed, "skipped": skipped, "seconds": seconds})
+}

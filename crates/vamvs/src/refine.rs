@@ -1,0 +1,68 @@
+//! Depth maps at hand, refined to the size of their photographs.
+//!
+//! [`refine_view`] and [`refine_view_geometric`] are the solver for one view; [`refine`] does all views of a folder.
+
+mod cache;
+mod run;
+
+#[cfg(feature = "net")]
+pub(crate) use cache::PhotoCache;
+
+use std::time::Duration;
+
+use vamvs_core::Scene;
+
+use crate::output::LeftOut;
+use crate::{Event, Maps, OutputFolder, Photographs, VamvsError};
+
+pub use vamvs_refine::{Features, RefineError, RefineOptions, Refined};
+pub use vamvs_refine::{refine as refine_view, refine_geometric as refine_view_geometric};
+
+/// What refinement works on.
+pub struct RefineJob<'a> {
+    /// The depth maps to begin with.
+    pub maps: &'a Maps,
+    /// The scene with the photographs. Its views are found by their names, as [`crate::output::names`] makes them.
+    pub scene: &'a Scene,
+    /// The photographs, at the size that refined maps shall have.
+    pub photographs: &'a Photographs,
+    /// The solver's options.
+    pub options: &'a RefineOptions,
+    /// Views that are compared, the reference included.
+    pub views: usize,
+    /// Whether to go on with the depth maps of the source views after the photographs alone.
+    pub geometric: bool,
+    /// Where refined maps go.
+    pub output: &'a OutputFolder,
+    /// Whether to refine anew what is there already.
+    pub force: bool,
+}
+
+/// What became of the views.
+#[derive(Clone, Debug, Default)]
+pub struct RefineSummary {
+    /// Depth maps refined now.
+    pub made: usize,
+    /// Depth maps that were there already.
+    pub resumed: usize,
+    /// Views without refined depth map.
+    pub skipped: Vec<LeftOut>,
+    /// Time to read depth maps and photographs.
+    pub reading: Duration,
+    /// Time to match photographs.
+    pub photometric: Duration,
+    /// Time to match photographs and the source views' depth maps.
+    pub geometric: Duration,
+    /// Time to write.
+    pub writing: Duration,
+}
+
+/// Refines all depth maps and keeps them, with `normals/`, in an output folder. Those that are there already, made of
+/// the same depth maps, photographs and options, are left as they are.
+///
+/// # Errors
+/// If the output folder is one of the inputs, a file cannot be written, or no view can be refined. A view whose
+/// photograph or depth map cannot be read is left out.
+pub fn refine(job: &RefineJob, on_event: &mut dyn FnMut(Event)) -> Result<RefineSummary, VamvsError> {
+    run::Run::new(job).views(on_event)
+}
