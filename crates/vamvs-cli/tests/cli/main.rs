@@ -10,6 +10,7 @@ mod exchange;
 mod fovea;
 mod fuse;
 mod manners;
+mod refine;
 mod report;
 #[cfg(feature = "net")]
 mod resume;

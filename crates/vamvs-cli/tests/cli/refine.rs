@@ -1,0 +1,98 @@
+//! `vamvs refine` on true depth maps of an eighth of the size; needs no network.
+
+use std::process::Output;
+
+use crate::scene::{Scene, content, error_of, expect_success, vamvs, write};
+use vamvs::core::{DepthMap, DepthRange, Grid, Rgb, Size};
+use vamvs::io::pfm;
+use vamvs::output::{OutputFolder, Record, SavedMap};
+
+const SIZE: Size = Size::new(160, 120);
+
+/// The scene's depth maps, reduced and three quarters of a per cent wrong.
+fn coarse_maps(scene: &Scene) -> OutputFolder {
+    let folder = OutputFolder::new(&scene.out());
+    let names: Vec<String> = (0..scene.views.len()).map(|view| format!("{view:04}")).collect();
+    folder.prepare(&names.iter().map(String::as_str).collect::<Vec<_>>()).unwrap();
+    let size = Size::new(SIZE.width / 8, SIZE.height / 8);
+    for (name, view) in names.iter().zip(&scene.views) {
+        let sign = |x: usize, y: usize| if (x + y).is_multiple_of(2) { 1.0 } else { -1.0 };
+        let depth =
+            Grid::from_fn(size, |x, y| view.depth[(8 * x + 4, 8 * y + 4)] * (1.0 + 0.0075 * sign(x, y)));
+        let map = DepthMap {
+            camera: view.photo.camera.resized(size),
+            cam_from_world: view.photo.cam_from_world,
+            depth,
+            confidence: Grid::filled(size, 0.9),
+            coarse_confidence: None,
+        };
+        let colour = Grid::filled(size, Rgb::default());
+        let range = DepthRange::try_new(0.1, 100.0).unwrap();
+        let record = Record { made_of: "truth".into(), planes: None, sources: Vec::new() };
+        folder.save(name, &SavedMap { map: &map, range, colour: &colour }, &record).unwrap();
+    }
+    folder
+}
+
+fn refine(scene: &Scene, arguments: &[&str]) -> Output {
+    let mut run = vamvs();
+    run.arg("refine").arg(scene.out()).arg("--cams").arg(scene.path("cams"));
+    run.arg("--images").arg(scene.path("images")).args(arguments).output().unwrap()
+}
+
+/// The share of pixels whose depth is right to `share`.
+fn right(depth: &Grid<f32>, truth: &Grid<f32>, share: f32) -> f64 {
+    let known = truth.data().iter().zip(depth.data()).filter(|(truth, _)| **truth > 0.0);
+    let errors: Vec<f32> = known.map(|(truth, depth)| (depth / truth - 1.0).abs()).collect();
+    errors.iter().filter(|error| **error < share).count() as f64 / errors.len() as f64
+}
+
+#[test]
+fn depth_maps_get_the_size_of_their_photographs_and_come_nearer_to_the_truth() {
+    let scene = Scene::new(SIZE.width, SIZE.height, 5);
+    coarse_maps(&scene);
+    let output = refine(&scene, &[]);
+    expect_success(&output);
+    let refined = OutputFolder::new(&scene.out().join("refined"));
+    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), refined.root().display().to_string());
+    let depth = pfm::read_depth(&refined.depth("0002")).unwrap();
+    assert_eq!(depth.size(), SIZE);
+    let truth = &scene.views[2].depth;
+    let before =
+        pfm::read_depth(&OutputFolder::new(&scene.out()).depth("0002")).unwrap().resized_nearest(SIZE);
+    let (before, after) = (right(&before, truth, 0.004), right(&depth, truth, 0.004));
+    assert!(after > 0.5 && after > 1.5 * before, "{before} → {after}");
+    let normals = pfm::read_rgb(&refined.normals("0002")).unwrap();
+    for (normal, depth) in normals.data().iter().zip(depth.data()) {
+        let length = normal.iter().map(|c| c * c).sum::<f32>().sqrt();
+        assert!((length - f32::from(u8::from(*depth > 0.0))).abs() < 1e-3);
+    }
+    expect_success(&vamvs().arg("fuse").arg(refined.root()).arg("--no-report").output().unwrap());
+}
+
+#[test]
+fn what_is_done_is_kept_and_what_is_damaged_is_made_again_with_the_same_bytes() {
+    let scene = Scene::new(SIZE.width, SIZE.height, 3);
+    coarse_maps(&scene);
+    expect_success(&refine(&scene, &["--threads", "1"]));
+    let refined = scene.out().join("refined");
+    let all = content(&refined);
+    std::fs::remove_file(refined.join("normals/0001.pfm")).unwrap();
+    write(&refined.join("depths/0002.pfm"), "damaged");
+    let again = refine(&scene, &["--threads", "2", "--json"]);
+    expect_success(&again);
+    let said = String::from_utf8_lossy(&again.stdout).into_owned();
+    assert!(said.contains("\"made\":2") && said.contains("\"resumed\":1"), "{said}");
+    assert_eq!(content(&refined), all);
+    // Other options make other depth maps.
+    let photometric = refine(&scene, &["--no-geometric", "--json"]);
+    assert!(String::from_utf8_lossy(&photometric.stdout).contains("\"made\":3"));
+}
+
+#[test]
+fn depth_maps_are_not_refined_over_themselves() {
+    let scene = Scene::new(SIZE.width, SIZE.height, 3);
+    let folder = coarse_maps(&scene);
+    let said = error_of(&refine(&scene, &["--out", &folder.root().display().to_string()]));
+    assert!(said.contains("choose another folder"), "{said}");
+}
