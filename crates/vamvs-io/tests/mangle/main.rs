@@ -116,8 +116,9 @@ with_readers!(readers);
 /// In every layout a photograph without a header is one bad view, which is told when it is decoded.
 #[test]
 fn a_photograph_without_header_does_not_end_a_scene() {
+    type Write = fn(&Path) -> Fixture;
     type Read = fn(&Path) -> Result<Loaded, IoError>;
-    let layouts: [(fn(&Path) -> Fixture, Read); 6] = [
+    let layouts: [(Write, Read); 6] = [
         (fixture::colmap_text, |f| colmap::read_scene(f, f)),
         (fixture::mvsnet, |f| mvsnet::read_scene(f, f, None, &mvsnet::Options::default())),
         (fixture::nerfstudio, |f| nerfstudio::read_scene(f, None)),
