@@ -74,11 +74,11 @@ fn colours_do_not_bleed_over_edges() {
         let plane: Vec<bool> = lift_map(&view.map).map(|x| x.is_some_and(|x| is_plane(&x))).collect();
         let around = |i: usize| [i.wrapping_sub(1), i + 1, i.wrapping_sub(SIZE.width), i + SIZE.width];
         let shows_sphere = |i: usize| !plane.get(i).copied().unwrap_or(true);
-        for i in 0..SIZE.area() {
+        for (i, colour) in view.colour.data_mut().iter_mut().enumerate() {
             let white = shows_sphere(i) || around(i).into_iter().any(shows_sphere);
-            view.colour.data_mut()[i] = if white { [255; 3] } else { [0; 3] };
-            (smeared, on_plane) =
-                (smeared + usize::from(white && plane[i]), on_plane + usize::from(plane[i]));
+            *colour = if white { [255; 3] } else { [0; 3] };
+            smeared += usize::from(white && plane[i]);
+            on_plane += usize::from(plane[i]);
         }
     }
     let (cloud, _) = fuse(&views, &FuseOptions::default());

@@ -69,7 +69,7 @@ mod tests {
             6 => Err(option()),
             _ => panic!("index {number} out of range"),
         });
-        let mut next = || loader.next_sample().map(drop).unwrap_err().to_string();
+        let next = || loader.next_sample().map(drop).unwrap_err().to_string();
         assert!(next().contains("views must be at least 2"));
         let reason = next();
         assert!(reason.contains("sample 7 panicked: index 7 out of range"), "{reason}");

@@ -202,7 +202,7 @@ mod tests {
         // Waves of 30 pixels, and edges.
         let grey = |x: usize, y: usize| {
             let wave = 60.0 * (x as f64 / 4.8).sin() * (y as f64 / 5.1).cos();
-            (128.0 + wave + if (x / 90 + y / 70) % 2 == 0 { 50.0 } else { -50.0 }) as u8
+            (128.0 + wave + if (x / 90 + y / 70).is_multiple_of(2) { 50.0 } else { -50.0 }) as u8
         };
         let photograph = Grid::from_fn(camera.size, |x, y| [grey(x, y); 3]);
         let undistortion = Undistortion::new(&camera);

@@ -29,7 +29,7 @@ fn coarse_maps(scene: &Scene) -> OutputFolder {
         let colour = Grid::filled(size, Rgb::default());
         let range = DepthRange::try_new(0.1, 100.0).unwrap();
         let record = Record { made_of: "truth".into(), planes: None, sources: Vec::new() };
-        folder.save(name, &SavedMap { map: &map, range, colour: &colour }, &record).unwrap();
+        folder.save(name, &SavedMap { map: &map, range, colour: &colour, normals: None }, &record).unwrap();
     }
     folder
 }
