@@ -179,7 +179,8 @@ fn clouds_are_measured_by_the_preset_that_is_asked_for() {
 fn a_scene_has_a_page_with_pictures() {
     let scene = Scene::new(96, 72, 4);
     let folder = true_maps(&scene);
-    expect_success(&vamvs().arg("fuse").arg(folder.root()).args(["--min-views", "2"]).output().unwrap());
+    let classic = ["--consistency", "classic", "--min-views", "2"];
+    expect_success(&vamvs().arg("fuse").arg(folder.root()).args(classic).output().unwrap());
     let result = json(&["scene"], [folder.root(), folder.root()]);
     assert_eq!(result["depth"]["total"][0]["relative"]["mean"], 0.0);
     let agreement = &result["cloud"]["agreement"][1];
