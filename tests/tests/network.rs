@@ -184,7 +184,8 @@ fn native_kernels_give_what_tensors_give() {
         let sources: Vec<_> = views[1..].iter().collect();
         let masks: Vec<_> = (0..3).map(|source| expected.1.get(source)).collect();
         let u = Tensor::linspace(2.0, 10.0, 22 * 28, (Kind::Float, Device::Cpu)).view([22, 28]);
-        let stage = estimator.flow_stage(&views[0], &sources, &planes, &masks, estimator.iterations()[0]);
+        let iteration = Iteration { scale: 4, step: 0.5 };
+        let stage = estimator.flow_stage(&views[0], &sources, &planes, &masks, iteration);
         let map = stage.refine(&u, &mut Profile::default()).unwrap();
         (map.u.detach(), map.confidence.detach())
     };

@@ -334,7 +334,7 @@ pub struct DepthFlags {
     /// Longer side to which larger photographs are reduced, pixels: the size of depth maps [default: 2000].
     #[arg(long, value_name = "PIXELS")]
     pub max_size: Option<usize>,
-    /// Longer side to which the network sees larger photographs reduced, pixels [default: 1280].
+    /// Longer side to which the network sees larger photographs reduced, pixels [default: 800].
     #[arg(long, value_name = "PIXELS")]
     pub network_size: Option<usize>,
     /// Depth maps as the network gives them, a fraction of their photographs' size, without normals.
