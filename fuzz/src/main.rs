@@ -87,6 +87,6 @@ macro_rules! table {
 with_readers!(table);
 
 fuzz_target!(
-    init: LazyLock::force(&TARGET);,
+    init: { LazyLock::force(&TARGET); },
     |input: &[u8]| TARGET.read(input)
 );

@@ -28,6 +28,9 @@ const END_SHARE: f64 = 0.01;
 /// Share of the depths at an end of the range above which a warning is due.
 const MANY_AT_END: f64 = 0.25;
 
+/// Views whose features are kept beside those that one depth map compares.
+const BESIDE: usize = 3;
+
 /// What became of the views.
 #[derive(Clone, Debug, Default)]
 pub struct DepthSummary {
@@ -82,7 +85,9 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
     let summary = DepthSummary { reading: begin.elapsed(), ..DepthSummary::default() };
     let for_maps = most_bytes(job.plan, job.estimator).max(refinement_bytes(job));
     let capacity = job.options.max_memory.left().saturating_sub(for_maps) as usize;
-    let features = FeatureCache::new(job.scene, job.photographs.clone(), job.estimator.network(), capacity);
+    let most = job.options.views + BESIDE;
+    let features =
+        FeatureCache::new(job.scene, job.photographs.clone(), job.estimator.network(), (capacity, most));
     let refinement = job.options.refine.then(|| Refinement::new(job.scene, job.photographs));
     let (unusable, left_out) = (BTreeMap::new(), BTreeSet::new());
     let ceiling = Ceiling::new(job.options.max_memory, for_maps);
@@ -380,7 +385,7 @@ impl Run<'_> {
         on_event(Event::Warning(format!("{name}: memory does not suffice; tried again at {half} pixels")));
         self.features.clear();
         let (scene, network) = (self.job.scene, self.job.estimator.network());
-        let smaller = FeatureCache::new(scene, self.job.photographs.reduced_to(half), network, 0);
+        let smaller = FeatureCache::new(scene, self.job.photographs.reduced_to(half), network, (0, 1));
         let whole = std::mem::replace(&mut self.features, smaller);
         let made = self.make(view, plan, profile, on_event);
         self.features = whole;

@@ -28,6 +28,8 @@ pub struct FeatureCache<'a> {
     pub network: &'a Network,
     /// Bytes to keep.
     pub capacity: usize,
+    /// Views to keep at most: more would grow with the scene and save little.
+    pub most: usize,
     /// Time that reading photographs took.
     pub reading: Duration,
     /// Least recently used first.
@@ -36,12 +38,18 @@ pub struct FeatureCache<'a> {
 }
 
 impl<'a> FeatureCache<'a> {
-    pub fn new(scene: &'a Scene, photographs: Photographs, network: &'a Network, capacity: usize) -> Self {
+    pub fn new(
+        scene: &'a Scene,
+        photographs: Photographs,
+        network: &'a Network,
+        (capacity, most): (usize, usize),
+    ) -> Self {
         Self {
             scene,
             photographs,
             network,
             capacity,
+            most,
             reading: Duration::ZERO,
             kept: Vec::new(),
             noted: vec![false; scene.views.len()],
@@ -92,7 +100,7 @@ impl<'a> FeatureCache<'a> {
 
     fn make_room(&mut self, needed: usize) {
         let mut used: usize = self.kept.iter().map(|(_, encoded)| encoded.bytes()).sum();
-        while used + needed > self.capacity && !self.kept.is_empty() {
+        while (used + needed > self.capacity || self.kept.len() >= self.most) && !self.kept.is_empty() {
             used -= self.kept.remove(0).1.bytes();
         }
     }
