@@ -87,6 +87,8 @@ macro_rules! table {
 with_readers!(table);
 
 fuzz_target!(
-    init: { LazyLock::force(&TARGET); },
+    init: {
+        LazyLock::force(&TARGET);
+    },
     |input: &[u8]| TARGET.read(input)
 );

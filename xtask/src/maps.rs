@@ -15,18 +15,19 @@ pub struct Map {
     pub depth: Grid<f32>,
     /// Confidence of the depth, 0 to 1.
     pub confidence: Grid<f32>,
-    /// Confidence of the coarse stage, 0 to 1.
-    coarse_confidence: Grid<f32>,
+    /// Confidence of the coarse stage, 0 to 1, which refined maps have no more.
+    coarse_confidence: Option<Grid<f32>>,
 }
 
 impl Map {
     /// Reads the maps of the view `name` from the output folder `out`.
     pub fn read(out: &Path, name: &str) -> Result<Self> {
         let confidence = out.join("confidence");
+        let coarse = confidence.join(format!("{name}.coarse.pfm"));
         Ok(Self {
             depth: pfm::read_depth(&out.join("depths").join(format!("{name}.pfm")))?,
             confidence: pfm::read(&confidence.join(format!("{name}.pfm")))?,
-            coarse_confidence: pfm::read(&confidence.join(format!("{name}.coarse.pfm")))?,
+            coarse_confidence: coarse.is_file().then(|| pfm::read(&coarse)).transpose()?,
         })
     }
 
@@ -34,12 +35,12 @@ impl Map {
     pub fn confident(&self) -> Grid<f32> {
         let limits = FuseOptions::default();
         let mut depth = self.depth.clone();
-        let confidences = self.confidence.data().iter().zip(self.coarse_confidence.data());
-        for (depth, (fine, coarse)) in depth.data_mut().iter_mut().zip(confidences) {
-            if *fine < limits.min_confidence || *coarse < limits.min_coarse_confidence {
-                *depth = 0.0;
-            }
-        }
+        let mut limit = |confidence: &Grid<f32>, least: f32| {
+            let pixels = depth.data_mut().iter_mut().zip(confidence.data());
+            pixels.filter(|(_, confidence)| **confidence < least).for_each(|(depth, _)| *depth = 0.0);
+        };
+        limit(&self.confidence, limits.min_confidence);
+        self.coarse_confidence.iter().for_each(|coarse| limit(coarse, limits.min_coarse_confidence));
         depth
     }
 }

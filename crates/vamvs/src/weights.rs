@@ -8,8 +8,9 @@ use vamvs_net::{Device, Network};
 use crate::VamvsError;
 
 /// The networks that are built in, by name; the first is used if none is asked for.
-const BUILT_IN: [(&str, &[u8]); 2] = [
+const BUILT_IN: [(&str, &[u8]); 3] = [
     ("vis-max", include_bytes!("../../../weights/vis-max.pt")),
+    ("vis-corr", include_bytes!("../../../weights/vis-corr.pt")),
     ("photometric", include_bytes!("../../../weights/photometric.pt")),
 ];
 
