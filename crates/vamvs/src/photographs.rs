@@ -219,7 +219,7 @@ mod tests {
     #[test]
     fn large_photographs_are_reduced_and_small_ones_enlarged_up_to_the_size_asked_for() {
         let sized = |enlarge: f64, size: Size| {
-            let options = DepthOptions { enlarge, ..DepthOptions::default() };
+            let options = DepthOptions { network_size: 1280, enlarge, ..DepthOptions::default() };
             Photographs::new(Path::new("images"), Masks::None, &options).working_size(size)
         };
         assert_eq!(sized(1.0, Size::new(3000, 2000)), Size::new(1280, 853));
