@@ -1,7 +1,7 @@
 //! How libtorch's threads wait for each other.
 //!
 //! libgomp lets a thread that waits spin. Where another process has one of the cores, the others then spin for as long as
-//! the one without a core waits for it, and a depth map takes ten times as long. Asleep they take nothing. libgomp reads
+//! the one without a core waits for it, and a depth map takes several times as long. Asleep they take nothing. libgomp reads
 //! its settings when it is loaded, before `main`, so the program starts itself once more with them.
 
 /// Makes waiting threads sleep, unless the environment says how they shall wait.
