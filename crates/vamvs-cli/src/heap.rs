@@ -20,7 +20,7 @@ impl Drop for KeptBlocks {
     fn drop(&mut self) {
         const MIB: i32 = 1 << 20;
         set_thresholds(4 * MIB, 8 * MIB);
-        give_back();
+        vamvs::memory::give_back();
     }
 }
 
@@ -34,14 +34,5 @@ fn set_thresholds(mapped: i32, top: i32) {
     }
 }
 
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
-fn give_back() {
-    // SAFETY: malloc_trim touches no block that is in use.
-    unsafe { libc::malloc_trim(0) };
-}
-
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 fn set_thresholds(_mapped: i32, _top: i32) {}
-
-#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
-fn give_back() {}

@@ -218,11 +218,7 @@ impl Estimator {
         planes: &Planes,
         profile: &mut Profile,
     ) -> Result<DepthMap, NetError> {
-        self.check(sources, planes)?;
-        tch::no_grad(|| {
-            let stages = self.stages(reference, sources, planes, None, profile)?;
-            self.depth_map(reference, planes, &stages)
-        })
+        Ok(self.estimate_seen(reference, sources, planes, profile)?.0)
     }
 
     /// As [`Estimator::estimate`], with what each source view sees of the reference's pixels, in [0, 1], at the coarse

@@ -16,6 +16,7 @@ use crate::fit::most_bytes;
 use crate::identity::Identity;
 use crate::memory;
 use crate::output::{LeftOut, Record, SavedMap, names};
+use crate::photographs::working_cameras;
 use crate::refinement::{BYTES_PER_PIXEL, Refinement, Seed, shares};
 use crate::{DepthOptions, Event, OutputFolder, Photographs, Plan, VamvsError, ViewPlan};
 
@@ -103,10 +104,12 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
 
 /// What refining the largest depth map takes, bytes.
 fn refinement_bytes(job: &DepthJob) -> u64 {
-    let full = job.photographs.full();
-    let area = |view: &vamvs_core::View| full.working_camera(&view.camera).size.area() as u64;
-    let largest = job.scene.views.iter().map(area).max().unwrap_or(0);
-    if job.options.refine { largest * BYTES_PER_PIXEL } else { 0 }
+    if !job.options.refine {
+        return 0;
+    }
+    let cameras = working_cameras(&job.photographs.full(), job.scene);
+    let largest = cameras.iter().map(|camera| camera.size.area() as u64).max();
+    largest.unwrap_or(0) * BYTES_PER_PIXEL
 }
 
 /// Makes the output folder for the views that will have a depth map; [`estimate`] does it too.

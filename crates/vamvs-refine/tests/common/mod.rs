@@ -1,5 +1,5 @@
 //! Surfaces with a smooth texture, rendered exactly.
-#![allow(dead_code)] // Not every test looks at everything.
+#![allow(dead_code, reason = "not every test looks at everything")]
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 use vamvs_core::{DepthMap, Grid, Intrinsics, Photo, Pinhole, Pose, Size};
