@@ -5,8 +5,8 @@ use std::process::Stdio;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::setup;
-use crate::step::{cargo, run};
+use crate::{cargo, setup};
+use crate::step::run;
 
 /// The network that is measured.
 const MODULE: &str = "tests/modules/paper-var.pt";
@@ -23,7 +23,7 @@ pub struct Bench {}
 impl Bench {
     pub fn run(&self) -> Result<()> {
         setup::ensure_any()?;
-        for package in ["vamvs-core", "vamvs-fusion"] {
+        for package in ["vamvs-core", "vamvs-fusion", "vamvs-refine"] {
             run(&format!("bench {package}"), &mut cargo(&["bench", "-p", package, "--bench", "*"]))?;
         }
         run("build", &mut cargo(&["build", "--release", "-p", "vamvs-net", "--example", "profile"]))?;

@@ -1,60 +1,63 @@
 //! What the repository needs done beside building: `cargo xtask COMMAND`.
+//!
+//! This program starts others and needs none of the workspace's crates, so that it is compiled in seconds. What looks
+//! at depth maps and clouds is in `vamvs-checks`, which is built with the `vamvs` command.
 
 mod bench;
-mod convert;
-mod demo;
-mod frames;
+mod check;
 mod fuzz;
 mod libtorch;
-mod maps;
-mod paper;
-mod picture;
 mod pip;
-mod real;
-mod report_check;
 mod setup;
-mod soak;
 mod step;
-mod stress;
 mod test;
 mod unpack;
-mod vamvs;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
-use std::process::ExitCode;
+use std::process::{self, ExitCode};
 
 use clap::Parser;
 
+use check::Check;
+
 /// Set-up, tests and demonstrations of the repository.
 #[derive(Parser)]
-#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+#[command(name = "cargo xtask", bin_name = "cargo xtask", disable_help_subcommand = true)]
 enum Command {
     Setup(setup::Setup),
-    Demo(demo::Demo),
-    Picture(picture::Picture),
-    Real(real::Real),
-    Paper(paper::Paper),
-    Bench(bench::Bench),
-    Stress(stress::Stress),
-    Soak(soak::Soak),
-    Fuzz(fuzz::Fuzz),
-    ReportCheck(report_check::ReportCheck),
+    /// Reconstruct a rendered still life, compare the cloud with the truth and show it all on one page.
+    Demo(Check),
     Test(test::Test),
+    Bench(bench::Bench),
+    Fuzz(fuzz::Fuzz),
+    /// Render a PLY cloud to a PNG, seen from where most of its surface is visible.
+    Picture(Check),
+    /// Reconstruct real photographs and show what comes out.
+    Real(Check),
+    /// Run the paper's experiments on a small synthetic set and write its tables, the paper's figures beside ours.
+    Paper(Check),
+    /// Fuse a scene of many depth maps within several memory budgets, and compare results, time and memory.
+    Stress(Check),
+    /// Run small random reconstructions, disturb them, and compare what they end with.
+    Soak(Check),
+    /// Open a report in headless Chromium: fail on any message on its console or an empty cloud, take a picture.
+    ReportCheck(Check),
 }
 
 fn main() -> ExitCode {
     let done = match Command::parse() {
         Command::Setup(setup) => setup.run(),
-        Command::Demo(demo) => demo.run(),
-        Command::Picture(picture) => picture.run(),
-        Command::Real(real) => real.run(),
-        Command::Paper(paper) => paper.run(),
-        Command::Bench(bench) => bench.run(),
-        Command::Stress(stress) => stress.run(),
-        Command::Soak(soak) => soak.run(),
-        Command::Fuzz(fuzz) => fuzz.run(),
-        Command::ReportCheck(check) => check.run(),
         Command::Test(test) => test.run(),
+        Command::Bench(bench) => bench.run(),
+        Command::Fuzz(fuzz) => fuzz.run(),
+        Command::Demo(check) => check.run("demo"),
+        Command::Picture(check) => check.run("picture"),
+        Command::Real(check) => check.run("real"),
+        Command::Paper(check) => check.run("paper"),
+        Command::Stress(check) => check.run("stress"),
+        Command::Soak(check) => check.run("soak"),
+        Command::ReportCheck(check) => check.run("report-check"),
     };
     if let Err(error) = &done {
         eprintln!("error: {error:#}");
@@ -67,4 +70,11 @@ fn root() -> PathBuf {
     let mut root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     root.pop();
     root
+}
+
+/// The Cargo that runs this program, in the repository's root.
+fn cargo(arguments: &[&str]) -> process::Command {
+    let mut command = process::Command::new(std::env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
+    command.args(arguments).current_dir(root());
+    command
 }

@@ -1,6 +1,5 @@
 //! A named command that must succeed.
 
-use std::ffi::OsString;
 use std::process::Command;
 use std::time::Instant;
 
@@ -14,11 +13,4 @@ pub fn run(name: &str, command: &mut Command) -> Result<()> {
     ensure!(status.success(), "{name} failed ({status})");
     println!("── {name}: {:.0} s", start.elapsed().as_secs_f64());
     Ok(())
-}
-
-/// The Cargo that runs this program, in the repository's root.
-pub fn cargo(arguments: &[&str]) -> Command {
-    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
-    command.args(arguments).current_dir(crate::root());
-    command
 }

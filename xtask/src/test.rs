@@ -5,8 +5,8 @@ use std::time::Instant;
 use anyhow::Result;
 use clap::Args;
 
-use crate::setup;
-use crate::step::{cargo, run};
+use crate::{cargo, setup};
+use crate::step::run;
 
 /// Check everything: formatting, lints, tests, documentation, the build without libtorch.
 ///

@@ -34,8 +34,15 @@ pub struct Set {
 
 /// Five photographs of a surface; the reference view is at the origin and looks along z.
 pub fn render(surface: Surface, placement: Placement) -> Set {
-    let intrinsics = Intrinsics { fx: 240.0, fy: 243.0, cx: 97.3, cy: 71.6 };
-    let camera = Pinhole { size: SIZE, intrinsics };
+    enlarged(surface, placement, 1)
+}
+
+/// Photographs with `factor` times as many pixels along each side, and as much finer texture.
+pub fn enlarged(surface: Surface, placement: Placement, factor: usize) -> Set {
+    let size = Size::new(factor * SIZE.width, factor * SIZE.height);
+    let scale = factor as f64;
+    let intrinsics = Intrinsics { fx: 240.0, fy: 243.0, cx: 97.3, cy: 71.6 }.scaled(scale, scale);
+    let camera = Pinhole { size, intrinsics };
     let eyes =
         [[0.0, 0.0, 0.0], [0.45, 0.05, 0.1], [-0.4, 0.1, -0.05], [0.1, 0.42, 0.0], [-0.05, -0.38, 0.1]];
     let poses = eyes.map(|eye| {
@@ -46,13 +53,14 @@ pub fn render(surface: Surface, placement: Placement) -> Set {
             Pose::look_at(&Vector3::from(eye), &aim, &-Vector3::y())
         }
     });
-    let photos = poses.iter().map(|pose| photo(surface, camera, pose, placement)).collect();
+    let world = (surface, scale);
+    let photos = poses.iter().map(|pose| photo(world, camera, pose, placement)).collect();
     let hit = |x: usize, y: usize| meet(surface, &camera, &poses[0], x as f64 + 0.5, y as f64 + 0.5);
     let depth = |hit: Option<Hit>| hit.map_or(0.0, |hit| (hit.depth * placement.scale) as f32);
     Set {
         photos,
-        depth: Grid::from_fn(SIZE, |x, y| depth(hit(x, y))),
-        normals: Grid::from_fn(SIZE, |x, y| hit(x, y).map_or(Vector3::zeros(), |hit| hit.normal)),
+        depth: Grid::from_fn(size, |x, y| depth(hit(x, y))),
+        normals: Grid::from_fn(size, |x, y| hit(x, y).map_or(Vector3::zeros(), |hit| hit.normal)),
     }
 }
 
@@ -69,13 +77,13 @@ fn meet(surface: Surface, camera: &Pinhole, pose: &Pose, x: f64, y: f64) -> Opti
     Some(Hit { point: origin + t * direction, depth: t, normal })
 }
 
-fn photo(surface: Surface, camera: Pinhole, pose: &Pose, placement: Placement) -> Photo {
+fn photo((surface, detail): (Surface, f64), camera: Pinhole, pose: &Pose, placement: Placement) -> Photo {
     let image = Grid::from_fn(camera.size, |x, y| {
         let offset = |i: usize| (i as f64 + 0.5) / SAMPLES as f64;
         let places =
             (0..SAMPLES * SAMPLES).map(|i| (x as f64 + offset(i % SAMPLES), y as f64 + offset(i / SAMPLES)));
         let grey =
-            places.map(|(x, y)| meet(surface, &camera, pose, x, y).map_or(0.0, |hit| texture(&hit.point)));
+            places.map(|(x, y)| meet(surface, &camera, pose, x, y).map_or(0.0, |hit| texture(&(hit.point * detail))));
         [(grey.sum::<f64>() / (SAMPLES * SAMPLES) as f64).round() as u8; 3]
     });
     Photo { camera, cam_from_world: placed(pose, placement), image, mask: None }
@@ -130,7 +138,7 @@ pub fn step(origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, Vec
 
 /// The true depth at an eighth of the size, with half a per cent of noise, some holes and some outliers.
 pub fn seed(set: &Set) -> DepthMap {
-    let size = Size::new(SIZE.width / 8, SIZE.height / 8);
+    let size = Size::new(set.depth.width() / 8, set.depth.height() / 8);
     let mut state = 1_u32;
     let mut noise = move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

@@ -92,7 +92,6 @@ const LARGE: SceneSet = SceneSet { name: "large", seed: "2001", scenes: 1, size:
 impl Paper {
     pub fn run(&self) -> Result<()> {
         ensure!(self.steps >= 10, "--steps must be 10 at least, got {}", self.steps);
-        vamvs::build()?;
         std::fs::create_dir_all(&self.out)?;
         let lab = Lab { arguments: self, out: self.out.canonicalize()? };
         let all = Experiment::value_variants();

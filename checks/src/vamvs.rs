@@ -1,4 +1,4 @@
-//! The `vamvs` command, built and run as people run it, and what it tells of a run.
+//! The `vamvs` command, run as people run it, and what it tells of a run.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -12,8 +12,6 @@ use serde::de::DeserializeOwned;
 use vamvs_fusion::ViewReport;
 use wait4::Wait4;
 
-use crate::setup;
-use crate::step::{cargo, run};
 
 /// A `vamvs reconstruct` that succeeded.
 pub struct Reconstruction {
@@ -46,12 +44,6 @@ pub struct DepthSummary {
 pub struct FusionSummary {
     /// What became of all pixels.
     pub total: ViewReport,
-}
-
-/// Builds the command, with libtorch if need be.
-pub fn build() -> Result<()> {
-    setup::ensure_any()?;
-    run("build", &mut cargo(&["build", "--release", "-p", "vamvs-cli"]))
 }
 
 /// Runs `vamvs reconstruct` into the folder `out`; its messages go to the terminal.

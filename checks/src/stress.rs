@@ -12,7 +12,6 @@ use vamvs_core::{Grid, Pose, Size};
 use vamvs_io::{image, mvsnet, pfm};
 use vamvs_tests::{Rendered, fixtures};
 
-use crate::step::{cargo, run};
 use crate::vamvs::{Taken, binary, measured};
 
 /// Size of the depth maps.
@@ -61,8 +60,6 @@ struct Measured {
 
 impl Stress {
     pub fn run(&self) -> Result<()> {
-        let build = ["build", "--release", "-p", "vamvs-cli", "--no-default-features"];
-        run("build", &mut cargo(&build))?;
         write_scene(&self.folder, self.views)?;
         let settings =
             self.max_memory.iter().flat_map(|budget| self.threads.iter().map(move |&n| (budget, n)));

@@ -15,8 +15,6 @@ use report::{Pictures, Run};
 use scene::DemoScene;
 
 /// Reconstruct a rendered still life, compare the cloud with the truth and show it all on one page.
-///
-/// Sets up libtorch and builds the command first, if need be.
 #[derive(Args)]
 pub struct Demo {
     /// Folder for scene, result, pictures and report.
@@ -31,7 +29,6 @@ pub struct Times(Vec<(&'static str, f64)>);
 impl Demo {
     pub fn run(&self) -> Result<()> {
         let mut times = Times::default();
-        times.of("build", vamvs::build)?;
         let scene = times.of("render the photographs", || {
             let scene = DemoScene::render(&self.out.join("scene"));
             scene.write().map(|()| scene)

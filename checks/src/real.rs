@@ -116,7 +116,6 @@ struct Outcome {
 impl Real {
     pub fn run(&self) -> Result<()> {
         let wanted = self.wanted()?;
-        vamvs::build()?;
         std::fs::create_dir_all(&self.out)
             .with_context(|| format!("{} could not be made", self.out.display()))?;
         let mut outcomes = Vec::new();

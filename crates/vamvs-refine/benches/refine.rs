@@ -1,0 +1,40 @@
+//! Time to refine a depth map of 768×576 pixels with four source views, by number of threads, and once more with the
+//! sources' own depth maps.
+#![allow(missing_docs, reason = "criterion's macros make undocumented functions")]
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use common::{HERE, enlarged, seed, sources};
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use vamvs_core::DepthMap;
+use vamvs_refine::{RefineOptions, refine, refine_geometric};
+
+fn benchmarks(criterion: &mut Criterion) {
+    let mut set = enlarged(common::sphere, HERE, 4);
+    // Sensor noise, without which everything is settled at once.
+    let mut state = 1_u32;
+    for value in set.photos.iter_mut().flat_map(|photo| photo.image.data_mut()) {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        *value = [value[0].saturating_add((state >> 28) as u8); 3];
+    }
+    let (options, seed) = (RefineOptions::default(), seed(&set));
+    let first = refine(&set.photos[0], &sources(&set), &seed, &[], &options).expect("the set fits together");
+    let maps: Vec<Option<&DepthMap>> = vec![Some(&first.map); 4];
+    let mut group = criterion.benchmark_group("refine");
+    group.sample_size(10);
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
+        group.bench_function(BenchmarkId::new("photometric", threads), |bencher| {
+            bencher.iter(|| pool.install(|| refine(&set.photos[0], &sources(&set), &seed, &[], &options)));
+        });
+        group.bench_function(BenchmarkId::new("geometric", threads), |bencher| {
+            let geometric = || refine_geometric(&set.photos[0], &sources(&set), &first, &maps, &options);
+            bencher.iter(|| pool.install(geometric));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, benchmarks);
+criterion_main!(benches);

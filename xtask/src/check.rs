@@ -1,0 +1,35 @@
+//! Commands that the program `vamvs-checks` has: it is built, and given their arguments.
+
+use std::ffi::OsString;
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+
+use crate::{cargo, setup};
+use crate::step::run;
+
+/// A command of `vamvs-checks`, which knows its arguments.
+#[derive(Args)]
+#[command(disable_help_flag = true)]
+pub struct Check {
+    /// Arguments; --help lists them.
+    #[arg(value_name = "ARGUMENTS", trailing_var_arg = true, allow_hyphen_values = true)]
+    arguments: Vec<OsString>,
+}
+
+impl Check {
+    /// Sets up libtorch if need be, builds the `vamvs` command and `vamvs-checks`, and runs the check `name`.
+    pub fn run(&self, name: &str) -> Result<()> {
+        setup::ensure_any()?;
+        let packages = ["build", "--release", "-p", "vamvs-cli", "-p", "vamvs-checks"];
+        run("build", &mut cargo(&packages))?;
+        let this = std::env::current_exe().context("where is this program?")?;
+        let target = this.ancestors().nth(2).context("this program is not in a target folder")?;
+        let program = target.join("release").join(format!("vamvs-checks{}", std::env::consts::EXE_SUFFIX));
+        let status = Command::new(&program).arg(name).args(&self.arguments).status();
+        let status = status.with_context(|| format!("{} could not be started", program.display()))?;
+        ensure!(status.success(), "{name} failed ({status})");
+        Ok(())
+    }
+}
