@@ -2,9 +2,9 @@
 
 use crate::isa::for_each_isa;
 use crate::luminance::Quads;
-use crate::sampling::{LANES, at_least, sample};
+use crate::sampling::{at_least, sample};
 use crate::transfer::Affine;
-use crate::window::{TEXELS, Window, sum_lanes};
+use crate::window::{LANES, Window, sum_lanes};
 
 for_each_isa! {
     /// The correlation, −1 to 1, of the window with the source image under the warp. `noise`, grey values, is what
@@ -13,18 +13,23 @@ for_each_isa! {
 }
 
 #[inline(always)]
-fn correlate(window: &Window, source: &Quads, warp: &Affine, noise: f32) -> f32 {
+fn correlate<const N: usize>(window: &Window, source: &Quads, warp: &Affine, noise: f32) -> f32 {
     let (mut first, mut second, mut product) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for part in 0..TEXELS / LANES {
-        let range = part * LANES..(part + 1) * LANES;
-        let values = sample(source, warp, part * LANES).values(window.mean);
-        let (weights, centred) = (&window.weights[range.clone()], &window.centred[range]);
-        for i in 0..LANES {
-            let weighted = weights[i] * values[i];
-            first[i] += weighted;
-            second[i] += weighted * values[i];
-            product[i] += centred[i] * values[i];
+    for part in (0..LANES).step_by(N) {
+        let (mut firsts, mut seconds, mut products) = ([0.0; N], [0.0; N], [0.0; N]);
+        for begin in [part, part + LANES] {
+            let values = sample::<N>(source, warp, begin).values(window.mean);
+            let (weights, centred) = (&window.weights[begin..begin + N], &window.centred[begin..begin + N]);
+            for i in 0..N {
+                let weighted = weights[i] * values[i];
+                firsts[i] += weighted;
+                seconds[i] = weighted.mul_add(values[i], seconds[i]);
+                products[i] = centred[i].mul_add(values[i], products[i]);
+            }
         }
+        first[part..part + N].copy_from_slice(&firsts);
+        second[part..part + N].copy_from_slice(&seconds);
+        product[part..part + N].copy_from_slice(&products);
     }
     let mean = sum_lanes(&first);
     let variance = at_least(sum_lanes(&second) - mean * mean, 0.0);
@@ -37,7 +42,7 @@ mod tests {
     use super::*;
     use crate::isa::Isa;
     use crate::luminance::Padded;
-    use crate::window::{self, OFFSETS};
+    use crate::window::{self, OFFSETS, TEXELS};
     use vamvs_core::{Grid, Size};
 
     const NOISE: f32 = 1.5;

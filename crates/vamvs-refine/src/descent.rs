@@ -8,9 +8,9 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::isa::for_each_isa;
 use crate::luminance::Quads;
-use crate::sampling::{LANES, Lanes, at_least, sample};
+use crate::sampling::{at_least, sample};
 use crate::transfer::Affine;
-use crate::window::{OFFSETS, TEXELS, Window, sum_lanes};
+use crate::window::{LANES, OFFSETS, Window, sum_lanes};
 
 /// Normal equations of inverse depth and its two slopes, for one source view.
 #[derive(Clone, Copy, Debug, Default)]
@@ -30,73 +30,80 @@ for_each_isa! {
 /// Weighted sums over the window; v: value, d: its change with inverse depth, x, y: texel, r: reference value.
 #[derive(Default)]
 struct Sums {
-    v: Lanes,
-    vv: Lanes,
-    rv: Lanes,
-    d: [Lanes; 3],
-    dv: [Lanes; 3],
-    dr: [Lanes; 3],
-    dd: [Lanes; 6],
+    v: [f32; LANES],
+    vv: [f32; LANES],
+    rv: [f32; LANES],
+    d: [[f32; LANES]; 3],
+    dv: [[f32; LANES]; 3],
+    dr: [[f32; LANES]; 3],
+    dd: [[f32; LANES]; 6],
 }
 
 #[inline(always)]
-fn equations(window: &Window, source: &Quads, warp: &Affine, speed: [f32; 2], noise: f32) -> Normal {
+fn equations<const N: usize>(window: &Window, source: &Quads, warp: &Affine, speed: [f32; 2], noise: f32) -> Normal {
     let mut sums = Sums::default();
-    for part in 0..TEXELS / LANES {
-        add(&mut sums, window, source, warp, speed, part * LANES);
+    for begin in (0..2 * LANES).step_by(N) {
+        add::<N>(&mut sums, window, source, warp, speed, begin);
     }
     let floor = noise * noise;
     let mean = sum_lanes(&sums.v);
     let variance = at_least(sum_lanes(&sums.vv) - mean * mean, 0.0) + floor;
     let product = sum_lanes(&sums.rv);
     let gain = product / variance;
-    let d = sums.d.each_ref().map(sum_lanes);
-    let dv: [f32; 3] = std::array::from_fn(|j| sum_lanes(&sums.dv[j]) - d[j] * mean);
-    let dr = sums.dr.each_ref().map(sum_lanes);
-    let dd = sums.dd.each_ref().map(sum_lanes);
-    let entry = |j: usize, k: usize| {
-        let place = [[0, 1, 2], [1, 3, 4], [2, 4, 5]][j][k];
-        gain * gain * (dd[place] - d[j] * d[k] - dv[j] * dv[k] / variance)
-    };
-    Normal {
-        matrix: Matrix3::from_fn(entry),
-        vector: Vector3::from_fn(|j, _| gain * (dr[j] - gain * dv[j])),
-        correlation: product / ((window.variance + floor) * variance).sqrt(),
+    let (mut d, mut dv, mut dr, mut dd) = ([0.0; 3], [0.0; 3], [0.0; 3], [0.0; 6]);
+    for j in 0..3 {
+        d[j] = sum_lanes(&sums.d[j]);
+        dv[j] = sum_lanes(&sums.dv[j]) - d[j] * mean;
+        dr[j] = sum_lanes(&sums.dr[j]);
     }
+    for j in 0..6 {
+        dd[j] = sum_lanes(&sums.dd[j]);
+    }
+    let mut normal = Normal {
+        correlation: product / ((window.variance + floor) * variance).sqrt(),
+        ..Normal::default()
+    };
+    for (place, (j, k)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
+        let entry = gain * gain * (dd[place] - d[j] * d[k] - dv[j] * dv[k] / variance);
+        (normal.matrix[(j, k)], normal.matrix[(k, j)]) = (entry, entry);
+    }
+    for j in 0..3 {
+        normal.vector[j] = gain * (dr[j] - gain * dv[j]);
+    }
+    normal
 }
 
 #[inline(always)]
-fn add(sums: &mut Sums, window: &Window, source: &Quads, warp: &Affine, speed: [f32; 2], begin: usize) {
-    let samples = sample(source, warp, begin);
+fn add<const N: usize>(sums: &mut Sums, window: &Window, source: &Quads, warp: &Affine, speed: [f32; 2], begin: usize) {
+    let samples = sample::<N>(source, warp, begin);
     let values = samples.values(window.mean);
     let (right, down) = samples.gradient();
-    let range = begin..begin + LANES;
+    let range = begin..begin + N;
     let (weights, centred) = (&window.weights[range.clone()], &window.centred[range.clone()]);
     let (dx, dy) = (&OFFSETS.0[range.clone()], &OFFSETS.1[range]);
-    for i in 0..LANES {
+    for i in 0..N {
+        let lane = (begin + i) % LANES;
         let (weight, value) = (weights[i], values[i]);
-        let change = right[i] * speed[0] + down[i] * speed[1];
+        let change = right[i].mul_add(speed[0], down[i] * speed[1]);
         let weighted = weight * change;
         let twice = weighted * change;
         let of_reference = centred[i] * change;
-        sums.v[i] += weight * value;
-        sums.vv[i] += weight * value * value;
-        sums.rv[i] += centred[i] * value;
-        sums.d[0][i] += weighted;
-        sums.d[1][i] += weighted * dx[i];
-        sums.d[2][i] += weighted * dy[i];
-        sums.dv[0][i] += weighted * value;
-        sums.dv[1][i] += weighted * value * dx[i];
-        sums.dv[2][i] += weighted * value * dy[i];
-        sums.dr[0][i] += of_reference;
-        sums.dr[1][i] += of_reference * dx[i];
-        sums.dr[2][i] += of_reference * dy[i];
-        sums.dd[0][i] += twice;
-        sums.dd[1][i] += twice * dx[i];
-        sums.dd[2][i] += twice * dy[i];
-        sums.dd[3][i] += twice * dx[i] * dx[i];
-        sums.dd[4][i] += twice * dx[i] * dy[i];
-        sums.dd[5][i] += twice * dy[i] * dy[i];
+        let with_value = weighted * value;
+        sums.v[lane] = weight.mul_add(value, sums.v[lane]);
+        sums.vv[lane] = (weight * value).mul_add(value, sums.vv[lane]);
+        sums.rv[lane] = centred[i].mul_add(value, sums.rv[lane]);
+        for (j, place) in [1.0, dx[i], dy[i]].into_iter().enumerate() {
+            sums.d[j][lane] = weighted.mul_add(place, sums.d[j][lane]);
+            sums.dv[j][lane] = with_value.mul_add(place, sums.dv[j][lane]);
+            sums.dr[j][lane] = of_reference.mul_add(place, sums.dr[j][lane]);
+        }
+        let (across, along) = (twice * dx[i], twice * dy[i]);
+        sums.dd[0][lane] += twice;
+        sums.dd[1][lane] += across;
+        sums.dd[2][lane] += along;
+        sums.dd[3][lane] = across.mul_add(dx[i], sums.dd[3][lane]);
+        sums.dd[4][lane] = across.mul_add(dy[i], sums.dd[4][lane]);
+        sums.dd[5][lane] = along.mul_add(dy[i], sums.dd[5][lane]);
     }
 }
 

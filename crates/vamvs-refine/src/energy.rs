@@ -19,7 +19,8 @@ const UNSEEN: f32 = 1.0;
 /// The steepest plane, pixels of disparity a pixel.
 const STEEPEST: f32 = 1.2;
 
-/// A plane that is worse by this in the views that have matched best so far is not tried in the others.
+/// A plane that is worse by this in the views that have matched best so far is not tried in the others; neither is one
+/// that is better in them.
 const HOPELESS: f32 = 0.1;
 
 /// Source views, a bit each.
@@ -82,8 +83,7 @@ impl Pixel<'_> {
     /// known before. `rival` is the best so far: what is hopeless against it is [`IMPOSSIBLE`].
     pub fn energy(&self, plane: &Plane, rival: Option<Judged>) -> Judged {
         let impossible = Judged { energy: IMPOSSIBLE, best: 0 };
-        let slope = (plane.gx * plane.gx + plane.gy * plane.gy).sqrt();
-        if plane.w <= 0.0 || slope > STEEPEST * self.step {
+        if !self.is_possible(plane) {
             return impossible;
         }
         let prior = self.prior_cost(plane.w);
@@ -95,13 +95,33 @@ impl Pixel<'_> {
             sum += costs.values[index].1;
         }
         let mean = sum / known.count_ones().max(1) as f32;
-        if rival.is_some_and(|rival| mean + prior > rival.energy + HOPELESS) {
-            return impossible;
+        if let Some(rival) = rival {
+            let energy = mean + prior;
+            if energy < rival.energy {
+                return Judged { energy, best: known };
+            }
+            if energy > rival.energy + HOPELESS {
+                return impossible;
+            }
         }
         let all = ((1_u32 << costs.count) - 1) as Views;
         indices(all & !known).for_each(|index| costs.values[index] = self.cost(index, plane));
         let (mean, best) = costs.mean_of_best(self.matcher.options.views);
         Judged { energy: mean + prior, best }
+    }
+
+    fn is_possible(&self, plane: &Plane) -> bool {
+        let steepest = STEEPEST * self.step;
+        plane.w > 0.0 && plane.gx * plane.gx + plane.gy * plane.gy <= steepest * steepest
+    }
+
+    /// The energy of a plane as these views see it.
+    pub fn energy_in(&self, plane: &Plane, views: Views) -> f32 {
+        if !self.is_possible(plane) || views == 0 {
+            return IMPOSSIBLE;
+        }
+        let sum: f32 = indices(views).map(|index| self.cost(index, plane).1).sum();
+        sum / views.count_ones() as f32 + self.prior_cost(plane.w)
     }
 
     /// The correlation with the source views that match best.

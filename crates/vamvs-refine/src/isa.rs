@@ -5,7 +5,7 @@
 pub enum Isa {
     /// What every processor of the architecture has.
     Scalar,
-    /// AVX2.
+    /// AVX2 and FMA.
     #[cfg(target_arch = "x86_64")]
     Avx2,
     /// AVX-512 F, BW, DQ and VL.
@@ -21,10 +21,10 @@ impl Isa {
         let mut all = vec![Self::Scalar];
         #[cfg(target_arch = "x86_64")]
         {
-            if is_x86_feature_detected!("avx2") {
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
                 all.push(Self::Avx2);
             }
-            let features = is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw");
+            let features = all.contains(&Self::Avx2) && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw");
             if features && is_x86_feature_detected!("avx512dq") && is_x86_feature_detected!("avx512vl") {
                 all.push(Self::Avx512);
             }
@@ -39,22 +39,22 @@ impl Isa {
     }
 }
 
-/// A function compiled once for each instruction set: `name(arguments, isa)` calls `inner(arguments)`, which must be
-/// `#[inline(always)]`.
+/// A function compiled once for each instruction set: `name(arguments, isa)` calls `inner::<N>(arguments)`, which must be
+/// `#[inline(always)]`; N is how many values the registers hold.
 macro_rules! for_each_isa {
     ($(#[$doc:meta])* pub(crate) fn $name:ident($($argument:ident: $kind:ty),*) -> $out:ty = $inner:ident) => {
         $(#[$doc])*
         #[inline]
         pub(crate) fn $name($($argument: $kind,)* isa: $crate::isa::Isa) -> $out {
             #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+            #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,fma")]
             fn avx512($($argument: $kind),*) -> $out {
-                $inner($($argument),*)
+                $inner::<16>($($argument),*)
             }
             #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx2")]
+            #[target_feature(enable = "avx2,fma")]
             fn avx2($($argument: $kind),*) -> $out {
-                $inner($($argument),*)
+                $inner::<8>($($argument),*)
             }
             match isa {
                 #[cfg(target_arch = "x86_64")]
@@ -63,7 +63,7 @@ macro_rules! for_each_isa {
                 #[cfg(target_arch = "x86_64")]
                 // SAFETY: as above.
                 $crate::isa::Isa::Avx2 => unsafe { avx2($($argument),*) },
-                $crate::isa::Isa::Scalar => $inner($($argument),*),
+                $crate::isa::Isa::Scalar => $inner::<8>($($argument),*),
             }
         }
     };

@@ -16,10 +16,8 @@ pub struct RefineOptions {
     /// How far to both sides of the seed depth is searched, pixels of disparity at the resolution that is searched
     /// first: a half or a quarter of the photograph's.
     pub search: u32,
-    /// Sweeps over the image at each resolution below the full one.
+    /// Sweeps over the image at the resolution that is searched first; at each finer one there is one more.
     pub sweeps: usize,
-    /// Sweeps over the image at full size.
-    pub full_sweeps: usize,
     /// What departing from the seed costs at most, in correlation.
     pub prior: f32,
     /// The departure from the seed at which that is reached, pixels of disparity.
@@ -42,7 +40,6 @@ impl Default for RefineOptions {
             noise: 1.0,
             search: 4,
             sweeps: 2,
-            full_sweeps: 1,
             prior: 0.07,
             prior_reach: 4.0,
             visibility: 0.3,

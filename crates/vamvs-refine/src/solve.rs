@@ -14,6 +14,9 @@ use crate::{Isa, Problem};
 /// Halvings of the photograph at which the search begins.
 const MOST_LEVELS: usize = 2;
 
+/// Planes of neighbours at half the resolution are tried if they are farther from the own one, pixels of disparity.
+const APART: f32 = 0.5;
+
 /// The matcher of a problem at 1/2^level.
 pub(crate) fn matcher<'a>(problem: &Problem<'a>, level: usize) -> Matcher<'a> {
     let reference = problem.reference;
@@ -38,14 +41,15 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
     let guesses = Seed::new(seed).guesses(&matcher.image, &reduced(&problem.reference.camera, first));
     let mut field = search(&matcher, &guesses);
     let prior = |x: usize, y: usize| guesses[(x, y)].trusted();
-    sweeps(&mut field, &matcher, problem.options.sweeps, prior);
+    for number in 0..problem.options.sweeps {
+        sweep(&mut field, &matcher, prior, Sweep { steps: 2, settled: number > 0 });
+    }
     let mut matcher = matcher;
     for level in (0..first).rev() {
         matcher = self::matcher(problem, level);
         let coarse = field;
         field = enlarged(&coarse, &matcher);
-        let count = if level == 0 { problem.options.full_sweeps } else { problem.options.sweeps };
-        sweeps(&mut field, &matcher, count, |x, y| parent(&coarse, x, y).0.w);
+        sweep(&mut field, &matcher, |x, y| parent(&coarse, x, y).0.w, Sweep { steps: 1, settled: false });
     }
     (field, guesses, matcher)
 }
@@ -54,12 +58,6 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
 fn first_level(camera: &Pinhole, seed: &DepthMap) -> usize {
     let ratio = camera.intrinsics.fx / seed.camera.intrinsics.fx;
     (ratio.log2().floor() as usize).clamp(1, MOST_LEVELS)
-}
-
-fn sweeps(field: &mut Field, matcher: &Matcher, count: usize, prior: impl Fn(usize, usize) -> f32 + Sync) {
-    for number in 0..count {
-        sweep(field, matcher, &prior, Sweep { steps: 2, settled: number > 0 });
-    }
 }
 
 /// The best planes near the seed: along the ray around its plane, and the surfaces beside it.
@@ -125,7 +123,7 @@ fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
         let (qx, qy) = (beside(x, px, size.width), beside(y, py, size.height));
         for place in [(qx, py), (px, qy), (qx, qy)] {
             let plane = seen_below(coarse, place, (x, y));
-            if plane.w > 0.0 && (plane.w - own.w).abs() > 0.25 * pixel.step {
+            if plane.w > 0.0 && (plane.w - own.w).abs() > APART * pixel.step {
                 consider(&pixel, plane, &mut state);
             }
         }

@@ -16,7 +16,10 @@ const DIRECTIONS: [[(i32, i32); 4]; 4] = [
 ];
 
 /// Planes that differ by less, in pixels of disparity over the window, are the same.
-const SAME: f32 = 0.1;
+const SAME: f32 = 0.3;
+
+/// How many planes of neighbours are tried at most.
+const TRIED: usize = 2;
 
 /// The radius of the window, pixels.
 const RADIUS: f32 = 5.0;
@@ -63,18 +66,27 @@ pub(crate) fn sweep(
     }
 }
 
-/// Takes the plane of a neighbour where it is better.
+/// Takes the plane of a neighbour where it is better: in each direction the neighbour with the lowest energy is asked,
+/// and of their planes the first [`TRIED`] that differ.
 fn propagate(pixel: &Pixel, other: Colour, place: (usize, usize), state: &mut State) {
-    let mut tried = [state.plane; DIRECTIONS.len() + 1];
-    for (number, direction) in DIRECTIONS.iter().enumerate() {
+    let mut found = [(f32::INFINITY, Plane::default()); DIRECTIONS.len()];
+    for (found, direction) in found.iter_mut().zip(&DIRECTIONS) {
         let neighbours = direction.iter().filter_map(|&offset| Some((other.beside(place, offset)?, offset)));
-        let best = neighbours.min_by(|a, b| a.0.energy.total_cmp(&b.0.energy));
-        let Some((neighbour, (dx, dy))) = best else { continue };
-        let plane = neighbour.plane.seen_from(-dx as f32, -dy as f32);
-        if !tried[..=number].iter().any(|other| same(&plane, other, pixel.step)) {
-            consider(pixel, plane, state);
+        if let Some((state, (dx, dy))) = neighbours.min_by(|a, b| a.0.energy.total_cmp(&b.0.energy)) {
+            *found = (state.energy, state.plane.seen_from(-dx as f32, -dy as f32));
         }
-        tried[number + 1] = plane;
+    }
+    found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut known, mut count) = ([state.plane; TRIED + 1], 1);
+    for (energy, plane) in found {
+        if count > TRIED || energy == f32::INFINITY {
+            break;
+        }
+        if !known[..count].iter().any(|other| same(&plane, other, pixel.step)) {
+            consider(pixel, plane, state);
+            known[count] = plane;
+            count += 1;
+        }
     }
 }
 
@@ -104,7 +116,7 @@ pub(crate) fn consider(pixel: &Pixel, plane: Plane, state: &mut State) {
     }
 }
 
-/// A Gauss–Newton step, taken if the energy falls.
+/// A Gauss–Newton step, taken if the energy falls in the views that have matched best.
 fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
     if state.settled {
         return;
@@ -122,6 +134,9 @@ fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
     };
     let length = step.x.abs() + RADIUS * (step.y.abs() + step.z.abs());
     let before = state.energy;
-    consider(pixel, plane, state);
+    let energy = pixel.energy_in(&plane, state.best);
+    if energy < before {
+        *state = State { plane, energy, ..*state };
+    }
     state.settled = length < NEGLIGIBLE || state.energy >= before;
 }

@@ -38,7 +38,9 @@ impl Transfer {
     /// `linear · (x, y, 1)`.
     #[inline]
     pub fn ray(&self, x: f32, y: f32) -> [f32; 3] {
-        self.linear.map(|row| row[0] * x + row[1] * y + row[2])
+        let along = |row: &[f32; 3]| row[0] * x + row[1] * y + row[2];
+        let [first, second, third] = &self.linear;
+        [along(first), along(second), along(third)]
     }
 
     /// The homogeneous source pixel of the reference pixel with this [`Transfer::ray`].
@@ -58,9 +60,8 @@ impl Transfer {
         }
         let scale = 1.0 / seen[2];
         let (u, v) = (seen[0] * scale, seen[1] * scale);
-        let along = |c: usize, g: f32| -> [f32; 3] {
-            std::array::from_fn(|row| self.linear[row][c] + self.offset[row] * g)
-        };
+        let row = |row: usize, c: usize, g: f32| self.linear[row][c] + self.offset[row] * g;
+        let along = |c: usize, g: f32| [row(0, c, g), row(1, c, g), row(2, c, g)];
         let (right, down) = (along(0, plane.gx), along(1, plane.gy));
         Some(Affine {
             u,

@@ -6,6 +6,9 @@ use crate::luminance::{BORDER, Padded};
 /// Texels of a window: 11×11 pixels, every other one, without the corners.
 pub(crate) const TEXELS: usize = 32;
 
+/// Sums over the texels are added up in so many lanes, whatever the instruction set, for the same bits.
+pub(crate) const LANES: usize = TEXELS / 2;
+
 /// Values of the texels of a window.
 pub(crate) type Texels = [f32; TEXELS];
 
@@ -63,7 +66,7 @@ for_each_isa! {
 }
 
 #[inline(always)]
-fn weighted(image: &Padded, x: usize, y: usize, colour: f32) -> Window {
+fn weighted<const N: usize>(image: &Padded, x: usize, y: usize, colour: f32) -> Window {
     let centre = image.at(x, y);
     let values = texels(image, x, y);
     let scale = 1.0 / (colour * colour);
@@ -108,17 +111,41 @@ fn texels(image: &Padded, x: usize, y: usize) -> Texels {
 /// The sum in a fixed order that suits vectors of any length.
 #[inline(always)]
 pub(crate) fn sum(values: &Texels) -> f32 {
-    let mut halves = [0.0; TEXELS / 2];
-    for i in 0..TEXELS / 2 {
-        halves[i] = values[i] + values[i + TEXELS / 2];
+    let mut halves = [0.0; LANES];
+    for i in 0..LANES {
+        halves[i] = values[i] + values[i + LANES];
     }
     sum_lanes(&halves)
 }
 
 /// The sum of 16 values in a fixed order.
 #[inline(always)]
-pub(crate) fn sum_lanes(values: &[f32; 16]) -> f32 {
-    let a: [f32; 8] = std::array::from_fn(|i| values[i] + values[i + 8]);
-    let b: [f32; 4] = std::array::from_fn(|i| a[i] + a[i + 4]);
+pub(crate) fn sum_lanes(values: &[f32; LANES]) -> f32 {
+    let (mut a, mut b) = ([0.0; 8], [0.0; 4]);
+    for i in 0..8 {
+        a[i] = values[i] + values[i + 8];
+    }
+    for i in 0..4 {
+        b[i] = a[i] + a[i + 4];
+    }
+    sum_of_four(b)
+}
+
+/// `(b0 + b2) + (b1 + b3)`: by instructions that every x86-64 processor has, since compilers make many of it.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn sum_of_four(b: [f32; 4]) -> f32 {
+    use std::arch::x86_64::{_mm_add_ps, _mm_add_ss, _mm_cvtss_f32, _mm_loadu_ps, _mm_movehl_ps, _mm_shuffle_ps};
+    // SAFETY: four values are read of four.
+    unsafe {
+        let all = _mm_loadu_ps(b.as_ptr());
+        let pairs = _mm_add_ps(all, _mm_movehl_ps(all, all));
+        _mm_cvtss_f32(_mm_add_ss(pairs, _mm_shuffle_ps::<1>(pairs, pairs)))
+    }
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+#[inline(always)]
+fn sum_of_four(b: [f32; 4]) -> f32 {
     (b[0] + b[2]) + (b[1] + b[3])
 }
