@@ -12,7 +12,6 @@ use serde::de::DeserializeOwned;
 use vamvs_fusion::ViewReport;
 use wait4::Wait4;
 
-
 /// A `vamvs reconstruct` that succeeded.
 pub struct Reconstruction {
     /// What it told.

@@ -5,8 +5,8 @@ use std::process::Stdio;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::{cargo, setup};
 use crate::step::run;
+use crate::{cargo, setup};
 
 /// The network that is measured.
 const MODULE: &str = "tests/modules/paper-var.pt";

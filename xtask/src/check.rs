@@ -6,8 +6,8 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::{cargo, setup};
 use crate::step::run;
+use crate::{cargo, setup};
 
 /// A command of `vamvs-checks`, which knows its arguments.
 #[derive(Args)]

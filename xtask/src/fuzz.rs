@@ -7,8 +7,8 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::{cargo, root};
 use crate::step::run;
+use crate::{cargo, root};
 
 /// What stable Rust needs to instrument code for libFuzzer: counters of edges, the values of comparisons.
 const INSTRUMENTED: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \

@@ -74,7 +74,8 @@ fn root() -> PathBuf {
 
 /// The Cargo that runs this program, in the repository's root.
 fn cargo(arguments: &[&str]) -> process::Command {
-    let mut command = process::Command::new(std::env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
+    let mut command =
+        process::Command::new(std::env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
     command.args(arguments).current_dir(root());
     command
 }

@@ -5,8 +5,8 @@ use std::time::Instant;
 use anyhow::Result;
 use clap::Args;
 
-use crate::{cargo, setup};
 use crate::step::run;
+use crate::{cargo, setup};
 
 /// Check everything: formatting, lints, tests, documentation, the build without libtorch.
 ///

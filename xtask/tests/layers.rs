@@ -72,6 +72,9 @@ fn only_the_command_line_parses_arguments() {
     for package in &packages() {
         let name = name(package);
         let uses_clap = dependencies(package).any(|(used, kind)| used == "clap" && kind.is_none());
-        assert!(!uses_clap || ["vamvs-cli", "vamvs-checks", "xtask"].contains(&name), "{name} must not use clap");
+        assert!(
+            !uses_clap || ["vamvs-cli", "vamvs-checks", "xtask"].contains(&name),
+            "{name} must not use clap"
+        );
     }
 }

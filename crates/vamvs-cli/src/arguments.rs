@@ -340,6 +340,9 @@ pub struct DepthFlags {
     /// Depth maps as the network gives them, a fraction of their photographs' size, without normals.
     #[arg(long)]
     pub no_refine: bool,
+    /// Depth maps refined by the photographs alone, not once more with the depth maps of the source views.
+    #[arg(long)]
+    pub no_geometric: bool,
     /// Smaller photographs are enlarged up to so many times, but not beyond --max-size, and depth maps with them; 2
     /// takes four times the time [default: 1].
     #[arg(long, value_name = "TIMES")]

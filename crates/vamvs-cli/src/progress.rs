@@ -5,7 +5,7 @@ use std::io::IsTerminal;
 use std::time::Duration;
 
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
-use vamvs::Event;
+use vamvs::{Event, Pass};
 
 use crate::arguments::CommonFlags;
 
@@ -72,10 +72,14 @@ impl Progress {
     pub fn show(&self, event: Event) {
         match event {
             Event::Warning(text) => self.warn(&text),
-            Event::DepthMap { name, done, total, resumed, time } => {
-                self.step("depth maps", done, total);
+            Event::DepthMap { name, pass, done, total, resumed, time } => {
+                let (bar, what) = match pass {
+                    Pass::Photometric => ("depth maps, first pass", "first pass"),
+                    Pass::Final => ("depth maps", "depth"),
+                };
+                self.step(bar, done, total);
                 let how = if resumed { "is there".to_owned() } else { self.paced(time, total - done) };
-                let line = format!("depth {done}/{total} {name}: {how}");
+                let line = format!("{what} {done}/{total} {name}: {how}");
                 if self.verbose { self.say(&line) } else { self.say_without_bar(&line) }
             }
             Event::Fusion { done, total } => {
@@ -110,6 +114,7 @@ impl Progress {
         if self.bar.message() != what {
             self.bar.reset();
             self.bar.set_message(what);
+            self.made.set((0.0, 0));
         }
         self.bar.set_length(total as u64);
         self.bar.set_position(done as u64);

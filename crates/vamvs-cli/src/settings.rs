@@ -297,6 +297,7 @@ mod depth {
             set(&mut depth.max_size, flags.max_size);
             set(&mut depth.network_size, flags.network_size);
             depth.refine &= !flags.no_refine;
+            depth.geometric &= !flags.no_geometric;
             set(&mut depth.enlarge, flags.enlarge);
             set(&mut depth.min_brightness, flags.min_brightness);
             set(&mut depth.max_brightness, flags.max_brightness);

@@ -40,6 +40,7 @@ impl Timing {
             self.add(&format!("network: {name}"), summary.profile.spent(stage));
         }
         self.add("refinement", summary.refining);
+        self.add("geometric pass", summary.refining_again);
         self.add("writing maps", summary.writing);
     }
 

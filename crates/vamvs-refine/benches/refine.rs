@@ -24,12 +24,14 @@ fn benchmarks(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("refine");
     group.sample_size(10);
     for threads in [1, 2] {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
+        let pool =
+            rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
         group.bench_function(BenchmarkId::new("photometric", threads), |bencher| {
             bencher.iter(|| pool.install(|| refine(&set.photos[0], &sources(&set), &seed, &[], &options)));
         });
         group.bench_function(BenchmarkId::new("geometric", threads), |bencher| {
-            let geometric = || refine_geometric(&set.photos[0], &sources(&set), &first, &maps, &options);
+            let geometric =
+                || refine_geometric(&set.photos[0], &sources(&set), &first.surface(), &maps, &options);
             bencher.iter(|| pool.install(geometric));
         });
     }

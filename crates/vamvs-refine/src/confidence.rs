@@ -6,7 +6,7 @@ use crate::Features;
 const MATCHED: f32 = 0.5;
 
 /// The share of the seed's confidence that stays where the photographs tell nothing.
-const UNMATCHED: f32 = 0.5;
+pub(crate) const UNMATCHED: f32 = 0.5;
 
 /// Luminance of medium texture, grey values.
 const TEXTURE: f32 = 4.0;
@@ -15,10 +15,10 @@ const TEXTURE: f32 = 4.0;
 const MOVED: f32 = 2.0;
 
 /// The likelihood that a depth is right to 1 %: a logistic function of the features, fitted to four views of two
-/// rendered scenes; without correlation, a share of the seed's confidence.
+/// rendered scenes; without correlation, what was known before.
 pub(crate) fn of(features: &Features) -> f32 {
     let matched = (features.correlation / MATCHED).clamp(0.0, 1.0);
-    matched * likelihood(features) + (1.0 - matched) * UNMATCHED * features.seed
+    matched * likelihood(features) + (1.0 - matched) * features.seed
 }
 
 fn likelihood(features: &Features) -> f32 {
@@ -34,8 +34,14 @@ fn likelihood(features: &Features) -> f32 {
 mod tests {
     use super::*;
 
-    const GOOD: Features =
-        Features { correlation: 0.95, agreement: 1.0, texture: 15.0, moved: 0.5, seed: 0.7, geometric: -1.0 };
+    const GOOD: Features = Features {
+        correlation: 0.95,
+        agreement: 1.0,
+        texture: 15.0,
+        moved: 0.5,
+        seed: 0.35,
+        geometric: -1.0,
+    };
 
     #[test]
     fn confidence_falls_with_everything_that_speaks_against_a_depth() {
@@ -45,7 +51,7 @@ mod tests {
         assert!(of(&Features { moved: 20.0, ..GOOD }) < good);
         assert!(of(&Features { geometric: 0.0, ..GOOD }) < of(&Features { geometric: 1.0, ..GOOD }));
         let textureless = Features { correlation: 0.0, texture: 0.0, ..GOOD };
-        assert!((of(&textureless) - 0.35).abs() < 1e-6, "half of the seed's");
+        assert!((of(&textureless) - 0.35).abs() < 1e-6);
         assert_eq!(of(&Features { seed: 0.0, moved: -1.0, ..textureless }), 0.0);
     }
 }

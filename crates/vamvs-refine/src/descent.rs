@@ -40,7 +40,13 @@ struct Sums {
 }
 
 #[inline(always)]
-fn equations<const N: usize>(window: &Window, source: &Quads, warp: &Affine, speed: [f32; 2], noise: f32) -> Normal {
+fn equations<const N: usize>(
+    window: &Window,
+    source: &Quads,
+    warp: &Affine,
+    speed: [f32; 2],
+    noise: f32,
+) -> Normal {
     let mut sums = Sums::default();
     for begin in (0..2 * LANES).step_by(N) {
         add::<N>(&mut sums, window, source, warp, speed, begin);
@@ -59,10 +65,8 @@ fn equations<const N: usize>(window: &Window, source: &Quads, warp: &Affine, spe
     for j in 0..6 {
         dd[j] = sum_lanes(&sums.dd[j]);
     }
-    let mut normal = Normal {
-        correlation: product / ((window.variance + floor) * variance).sqrt(),
-        ..Normal::default()
-    };
+    let mut normal =
+        Normal { correlation: product / ((window.variance + floor) * variance).sqrt(), ..Normal::default() };
     for (place, (j, k)) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].into_iter().enumerate() {
         let entry = gain * gain * (dd[place] - d[j] * d[k] - dv[j] * dv[k] / variance);
         (normal.matrix[(j, k)], normal.matrix[(k, j)]) = (entry, entry);
@@ -74,7 +78,14 @@ fn equations<const N: usize>(window: &Window, source: &Quads, warp: &Affine, spe
 }
 
 #[inline(always)]
-fn add<const N: usize>(sums: &mut Sums, window: &Window, source: &Quads, warp: &Affine, speed: [f32; 2], begin: usize) {
+fn add<const N: usize>(
+    sums: &mut Sums,
+    window: &Window,
+    source: &Quads,
+    warp: &Affine,
+    speed: [f32; 2],
+    begin: usize,
+) {
     let samples = sample::<N>(source, warp, begin);
     let values = samples.values(window.mean);
     let (right, down) = samples.gradient();

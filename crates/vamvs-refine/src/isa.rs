@@ -24,7 +24,9 @@ impl Isa {
             if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
                 all.push(Self::Avx2);
             }
-            let features = all.contains(&Self::Avx2) && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw");
+            let features = all.contains(&Self::Avx2)
+                && is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512bw");
             if features && is_x86_feature_detected!("avx512dq") && is_x86_feature_detected!("avx512vl") {
                 all.push(Self::Avx512);
             }

@@ -37,7 +37,7 @@ use vamvs_core::{DepthMap, Grid, Photo, Size};
 
 pub use isa::Isa;
 pub use options::RefineOptions;
-pub use refined::{Features, Refined};
+pub use refined::{Features, Refined, Surface};
 pub use source::MOST_SOURCES;
 
 use field::{Field, State};
@@ -110,27 +110,28 @@ pub fn refine(
     let ratio = (matcher.image.size.width / guesses.width().max(1)).max(1);
     let seed = |x: usize, y: usize| {
         let guess = &guesses[((x / ratio).min(guesses.width() - 1), (y / ratio).min(guesses.height() - 1))];
-        (guess.trusted(), guess.confidence.max(0.0))
+        (guess.trusted(), confidence::UNMATCHED * guess.confidence.max(0.0))
     };
     let field = finished(&field, &matcher);
     Ok(refined::refined(reference, &field, &matcher, seed))
 }
 
-/// Refines once more, with the depth maps of the source views (`None` where one has none): a plane then also costs
-/// where the sources' own surfaces are not met.
+/// Refines once more what [`refine`] gave, with the depth maps that it gave for the source views (`None` where one has
+/// none): a plane then also costs where the sources' own surfaces are not met.
 ///
 /// # Errors
 /// If there is no source, or sizes or counts do not fit together.
 pub fn refine_geometric(
     reference: &Photo,
     sources: &[&Photo],
-    first: &Refined,
+    first: &Surface<'_>,
     depths: &[Option<&DepthMap>],
     options: &RefineOptions,
 ) -> Result<Refined, RefineError> {
     let sources = &sources[..sources.len().min(MOST_SOURCES)];
     check(reference, sources)?;
     check_size("first depth map", reference.camera.size, first.map.depth.size())?;
+    check_size("first normals", reference.camera.size, first.normals.size())?;
     if depths.len() < sources.len() {
         let (expected, found) = (sources.len(), depths.len());
         return Err(RefineError::Count { what: "depth map or None", expected, found });
@@ -150,11 +151,8 @@ pub fn refine_geometric(
     });
     let prior = |x: usize, y: usize| first.plane(x, y).w;
     sweep(&mut field, &matcher, prior, Sweep { steps: 1, settled: false });
-    remove_speckles(&mut field, &matcher);
-    let seed = |x: usize, y: usize| {
-        let Features { seed, .. } = first.features[(x, y)];
-        (first.plane(x, y).w, seed)
-    };
+    let field = finished(&field, &matcher);
+    let seed = |x: usize, y: usize| (first.plane(x, y).w, first.map.confidence[(x, y)]);
     Ok(refined::refined(reference, &field, &matcher, seed))
 }
 

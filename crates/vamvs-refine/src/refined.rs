@@ -32,7 +32,7 @@ pub struct Features {
     pub texture: f32,
     /// Distance to the seed, pixels of disparity; −1 where the seed had no depth.
     pub moved: f32,
-    /// The seed's confidence, 0 where it had no depth.
+    /// How likely the depth was right before the photographs were compared, 0 where there was none.
     pub seed: f32,
     /// Share of the source views whose own depth maps have the same surface within a pixel; −1 before
     /// [`crate::refine_geometric`].
@@ -47,6 +47,23 @@ impl Refined {
         self.normals.map(|&normal| (world_from_cam * Vector3::from(normal)).into())
     }
 
+    /// What [`crate::refine_geometric`] goes on with.
+    #[must_use]
+    pub fn surface(&self) -> Surface<'_> {
+        Surface { map: &self.map, normals: &self.normals }
+    }
+}
+
+/// A depth map with normals.
+#[derive(Clone, Copy, Debug)]
+pub struct Surface<'a> {
+    /// Depth, and confidence in [0, 1].
+    pub map: &'a DepthMap,
+    /// Unit normals in the camera's frame, towards the camera; zero where there is no depth.
+    pub normals: &'a Grid<[f32; 3]>,
+}
+
+impl Surface<'_> {
     /// The plane of a pixel; w = 0 if it has no depth.
     pub(crate) fn plane(&self, x: usize, y: usize) -> Plane {
         let depth = self.map.depth[(x, y)];

@@ -135,7 +135,9 @@ pub(crate) fn sum_lanes(values: &[f32; LANES]) -> f32 {
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 fn sum_of_four(b: [f32; 4]) -> f32 {
-    use std::arch::x86_64::{_mm_add_ps, _mm_add_ss, _mm_cvtss_f32, _mm_loadu_ps, _mm_movehl_ps, _mm_shuffle_ps};
+    use std::arch::x86_64::{
+        _mm_add_ps, _mm_add_ss, _mm_cvtss_f32, _mm_loadu_ps, _mm_movehl_ps, _mm_shuffle_ps,
+    };
     // SAFETY: four values are read of four.
     unsafe {
         let all = _mm_loadu_ps(b.as_ptr());

@@ -69,7 +69,7 @@ fn the_neighbours_depth_maps_bring_outliers_back() {
     let maps: Vec<DepthMap> = set.photos[1..].iter().map(|photo| true_map(&set, photo)).collect();
     let maps: Vec<Option<&DepthMap>> = maps.iter().map(Some).collect();
     let options = RefineOptions::default();
-    let second = refine_geometric(&set.photos[0], &sources(&set), &first, &maps, &options).unwrap();
+    let second = refine_geometric(&set.photos[0], &sources(&set), &first.surface(), &maps, &options).unwrap();
     let [before, after] = [&first, &second].map(|result| errors(&set, &result.map.depth, 8));
     println!("median {:.4} → {:.4} px", median(before.clone()), median(after.clone()));
     assert!(share_above(&before, 0.5) > 0.05 && share_above(&after, 0.5) < 0.005);

@@ -18,7 +18,7 @@ use crate::memory;
 use crate::output::{LeftOut, Record, SavedMap, names};
 use crate::photographs::working_cameras;
 use crate::refinement::{BYTES_PER_PIXEL, Refinement, Seed, shares};
-use crate::{DepthOptions, Event, OutputFolder, Photographs, Plan, VamvsError, ViewPlan};
+use crate::{DepthOptions, Event, OutputFolder, Pass, Photographs, Plan, VamvsError, ViewPlan};
 
 /// Pixels around a region of interest that are computed too, so that its border has neighbours.
 const REGION_MARGIN: usize = 32;
@@ -45,8 +45,10 @@ pub struct DepthSummary {
     pub profile: Profile,
     /// Time to find out what is there already, and to read, undistort and reduce photographs.
     pub reading: Duration,
-    /// Time to refine depth maps to the size of their photographs.
+    /// Time to refine depth maps to the size of their photographs, by these alone.
     pub refining: Duration,
+    /// Time to refine them once more with the depth maps of the source views.
+    pub refining_again: Duration,
     /// Time to write depth maps.
     pub writing: Duration,
 }
@@ -92,14 +94,30 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
     let refinement = job.options.refine.then(|| Refinement::new(job.scene, job.photographs));
     let (unusable, left_out) = (BTreeMap::new(), BTreeSet::new());
     let ceiling = Ceiling::new(job.options.max_memory, for_maps);
-    let mut run = Run { job, names, identity, features, refinement, ceiling, unusable, left_out, summary };
-    run.views(on_event)?;
+    let (first, done) = (first_folder(job), BTreeSet::new());
+    let mut run =
+        Run { job, names, identity, features, refinement, ceiling, first, done, unusable, left_out, summary };
+    if run.has_two_passes() {
+        run.find_done();
+    }
+    run.first_pass(on_event)?;
+    if run.has_two_passes() {
+        run.geometric_pass(on_event)?;
+    }
     run.summary.reading += run.features.reading;
     if let Some(refinement) = &run.refinement {
         run.summary.reading += refinement.reading;
         run.summary.refining += refinement.refining;
+        run.summary.refining_again += refinement.refining_again;
     }
     run.finish()
+}
+
+/// Where the first pass leaves its depth maps: where they stay, or beside, if there is another pass. The coarse maps
+/// around a fovea have no other.
+fn first_folder(job: &DepthJob) -> OutputFolder {
+    let has_more = job.options.refine && job.options.geometric && !job.options.fovea;
+    if has_more { job.output.photometric() } else { job.output.clone() }
 }
 
 /// What refining the largest depth map takes, bytes.
@@ -121,7 +139,9 @@ pub fn prepare(job: &DepthJob) -> Result<(), VamvsError> {
     let names = names(&job.scene.views);
     let planned = (0..names.len()).filter(|&view| job.plan.views[view].is_ok());
     let maps: Vec<String> = planned.flat_map(|view| map_names(job, view, &names[view])).collect();
-    job.output.prepare(&maps.iter().map(String::as_str).collect::<Vec<_>>())?;
+    let maps: Vec<&str> = maps.iter().map(String::as_str).collect();
+    job.output.prepare(&maps)?;
+    first_folder(job).prepare(&maps)?;
     job.output.forget_views()
 }
 
@@ -149,6 +169,10 @@ struct Run<'a> {
     features: FeatureCache<'a>,
     refinement: Option<Refinement<'a>>,
     ceiling: Ceiling,
+    /// Where the first pass leaves its depth maps.
+    first: OutputFolder,
+    /// With two passes, the views whose depth maps were there before.
+    done: BTreeSet<usize>,
     /// Views whose photographs cannot be used, with the reason.
     unusable: BTreeMap<usize, String>,
     left_out: BTreeSet<usize>,
@@ -177,10 +201,52 @@ struct MadeMap {
 }
 
 impl Run<'_> {
-    fn views(&mut self, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
-        let total = self.job.plan.views.iter().filter(|plan| plan.is_ok()).count();
-        let mut done = 0;
+    fn has_two_passes(&self) -> bool {
+        self.first != *self.job.output
+    }
+
+    /// Finds the views whose depth maps are there, made of the same as they would be now.
+    fn find_done(&mut self) {
         for (view, plan) in self.job.plan.views.iter().enumerate() {
+            let (Ok(plan), Some(saved)) = (plan, self.job.output.saved(&self.names[view])) else { continue };
+            let planned = |view: usize| {
+                let plan = self.job.plan.views[view].as_ref().ok();
+                plan.map(|plan| self.record(view, plan).made_of)
+            };
+            let is_same = saved.made_of == self.made_again_of(view, plan, planned);
+            if !self.job.force && is_same && self.job.output.is_readable(&self.names[view]) {
+                self.done.insert(view);
+            }
+        }
+    }
+
+    /// The hash of what makes the depth map of the geometric pass, from those of the first pass.
+    fn made_again_of(&self, view: usize, plan: &ViewPlan, first: impl Fn(usize) -> Option<String>) -> String {
+        let mut hasher = blake3::Hasher::new();
+        for view in std::iter::once(view).chain(plan.sources.iter().copied()) {
+            hasher.update(format!("geometric {:?}", first(view)).as_bytes());
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+
+    /// The views whose depth maps of the first pass are needed.
+    fn needed(&self) -> BTreeSet<usize> {
+        let plans = self.job.plan.views.iter().enumerate();
+        let missing = plans.filter(|(view, _)| !self.done.contains(view));
+        let with_sources = |(view, plan): (usize, &Result<ViewPlan, String>)| {
+            let sources = plan.as_ref().map_or(Vec::new(), |plan| plan.sources.clone());
+            std::iter::once(view).chain(sources)
+        };
+        missing.flat_map(with_sources).collect()
+    }
+
+    fn first_pass(&mut self, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
+        let needed = self.needed();
+        let plans = self.job.plan.views.iter().enumerate().filter(|(view, _)| needed.contains(view));
+        let total = plans.clone().filter(|(_, plan)| plan.is_ok()).count();
+        let pass = if self.has_two_passes() { Pass::Photometric } else { Pass::Final };
+        let mut done = 0;
+        for (view, plan) in plans {
             let name = self.job.scene.views[view].name.clone();
             let begin = Instant::now();
             self.stay_below_ceiling(on_event);
@@ -194,9 +260,61 @@ impl Run<'_> {
                 continue;
             }
             let resumed = matches!(outcome, Outcome::Resumed);
-            on_event(Event::DepthMap { name, done, total, resumed, time: begin.elapsed() });
+            if pass == Pass::Final {
+                self.count(resumed);
+            }
+            on_event(Event::DepthMap { name, pass, done, total, resumed, time: begin.elapsed() });
         }
         Ok(())
+    }
+
+    fn count(&mut self, resumed: bool) {
+        let count = if resumed { &mut self.summary.resumed } else { &mut self.summary.made };
+        *count += 1;
+    }
+
+    /// Refines the depth maps of the first pass with those of the source views, and removes them.
+    fn geometric_pass(&mut self, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
+        self.features.clear();
+        memory::give_back();
+        let views = || (0..self.names.len()).filter(|view| self.job.plan.views[*view].is_ok());
+        let (total, views): (usize, Vec<usize>) = (views().count(), views().collect());
+        for (done, view) in views.into_iter().enumerate() {
+            if self.left_out.contains(&view) {
+                continue;
+            }
+            let (name, begin) = (self.job.scene.views[view].name.clone(), Instant::now());
+            let resumed = self.done.contains(&view);
+            if !resumed && let Err(error) = self.refine_again(view)? {
+                self.leave_out(view, LeftOut { view: name, reason: error.in_full() }, on_event)?;
+                continue;
+            }
+            self.count(resumed);
+            let (pass, done) = (Pass::Final, done + 1);
+            on_event(Event::DepthMap { name, pass, done, total, resumed, time: begin.elapsed() });
+        }
+        self.job.output.remove_photometric()
+    }
+
+    /// The geometric pass of one view. The outer error is one of writing.
+    fn refine_again(&mut self, view: usize) -> Result<Result<(), VamvsError>, VamvsError> {
+        let (Ok(plan), Some(refinement)) = (&self.job.plan.views[view], &mut self.refinement) else {
+            return Ok(Ok(()));
+        };
+        let refined = match refinement.refine_again(view, &plan.sources, (&self.first, &self.names)) {
+            Ok(refined) => refined,
+            Err(error) => return Ok(Err(error)),
+        };
+        let MadeMap { map, colour, normals } = refined_map(refined);
+        let first = |view: usize| self.first.saved(&self.names[view]).map(|record| record.made_of);
+        let made_of = self.made_again_of(view, plan, first);
+        let record = Record { made_of, ..self.record(view, &self.usable(plan)) };
+        let begin = Instant::now();
+        let saved =
+            SavedMap { map: &map, range: plan.planes.range, colour: &colour, normals: normals.as_ref() };
+        self.job.output.save(&self.names[view], &saved, &record)?;
+        self.summary.writing += begin.elapsed();
+        Ok(Ok(()))
     }
 
     /// Writes `pair.txt` of the views that have a depth map, and which have none. That none has one is an error.
@@ -233,7 +351,10 @@ impl Run<'_> {
         on_event(Event::left_out(&left_out));
         self.left_out.insert(view);
         self.summary.skipped.push(left_out);
-        self.map_names(view).iter().try_for_each(|name| self.job.output.discard(name))
+        self.map_names(view).iter().try_for_each(|name| {
+            self.first.discard(name)?;
+            self.job.output.discard(name)
+        })
     }
 
     fn map_names(&self, view: usize) -> Vec<String> {
@@ -248,7 +369,6 @@ impl Run<'_> {
         on_event: &mut dyn FnMut(Event),
     ) -> Result<Outcome, VamvsError> {
         if self.is_there(view, &self.record(view, &self.usable(plan))) {
-            self.summary.resumed += 1;
             return Ok(Outcome::Resumed);
         }
         let mut profile = Profile::default();
@@ -261,23 +381,21 @@ impl Run<'_> {
             Err(error) => return Ok(Outcome::LeftOut(error.in_full())),
         };
         if self.is_there(view, &record) {
-            self.summary.resumed += 1;
             return Ok(Outcome::Resumed);
         }
         let begin = Instant::now();
         for (name, MadeMap { map, colour, normals }) in self.map_names(view).iter().zip(&maps) {
             let saved = SavedMap { map, range: plan.planes.range, colour, normals: normals.as_ref() };
-            self.job.output.save(name, &saved, &record)?;
+            self.first.save(name, &saved, &record)?;
         }
         self.summary.writing += begin.elapsed();
-        self.summary.made += 1;
         self.summary.profile.add(&profile);
         Ok(Outcome::Made)
     }
 
     /// Whether there are undamaged depth maps that were made of the same.
     fn is_there(&self, view: usize, record: &Record) -> bool {
-        let output = self.job.output;
+        let output = &self.first;
         let same = |saved: Record| saved.made_of == record.made_of;
         let is_saved = |name: &String| output.saved(name).is_some_and(same) && output.is_readable(name);
         !self.job.force && self.map_names(view).iter().all(is_saved)
@@ -336,7 +454,7 @@ impl Run<'_> {
             // Of a view far from the region there is the coarse map alone, which stays coarse.
             if !plan.foveated || region.is_some() {
                 let seed = Seed { map: &finest.map, visibility: &visibility, region };
-                *finest = refined(refinement.refine(view, &used, &seed)?);
+                *finest = refined_map(refinement.refine(view, &used, &seed)?);
             }
         }
         Ok(Made { maps, record: self.record(view, &self.usable(plan)) })
@@ -461,7 +579,7 @@ impl Run<'_> {
 }
 
 /// A refined depth map with its photograph.
-fn refined((refined, photo): (Refined, Rc<Photo>)) -> MadeMap {
+fn refined_map((refined, photo): (Refined, Rc<Photo>)) -> MadeMap {
     let normals = Some(refined.normals_in_world());
     MadeMap { colour: photo.image.clone(), normals, map: refined.map }
 }

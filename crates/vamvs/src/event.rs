@@ -4,15 +4,26 @@ use std::time::Duration;
 
 use crate::output::LeftOut;
 
+/// What was done for a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pass {
+    /// A depth map of the photographs alone, which is refined once more.
+    Photometric,
+    /// The view's depth map.
+    Final,
+}
+
 /// Progress of the pipeline; front ends draw it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// Something a user should know, one sentence.
     Warning(String),
-    /// A depth map is there.
+    /// A depth map is there, after a pass of two or of one.
     DepthMap {
         /// The view's name.
         name: String,
+        /// What was done for it.
+        pass: Pass,
         /// How many are done, this one included.
         done: usize,
         /// How many there will be.

@@ -24,6 +24,7 @@ mod feature_cache;
 #[cfg(feature = "net")]
 pub mod fit;
 pub mod fuse;
+mod geometric;
 #[cfg(feature = "net")]
 mod identity;
 pub mod input;
@@ -43,7 +44,7 @@ pub mod weights;
 #[cfg(feature = "net")]
 pub use depth::{DepthSummary, estimate};
 pub use error::VamvsError;
-pub use event::Event;
+pub use event::{Event, Pass};
 pub use export::ExportOptions;
 #[cfg(feature = "net")]
 pub use fit::fitting;

@@ -23,6 +23,8 @@ pub struct DepthOptions {
     /// Whether depth maps are refined to the size of their photographs, or stay at that of the network's last
     /// iteration.
     pub refine: bool,
+    /// Whether refined depth maps are refined once more with those of the source views.
+    pub geometric: bool,
     /// Smaller photographs are enlarged up to so many times, 1 to 8, but not beyond `max_size`.
     pub enlarge: f64,
     /// Pixels all of whose channels are darker, grey values, count as masked: a black backdrop. 0: none.
@@ -61,6 +63,7 @@ impl Default for DepthOptions {
             max_size: 2000,
             network_size: 800,
             refine: true,
+            geometric: true,
             enlarge: 1.0,
             min_brightness: 0,
             max_brightness: 255,

@@ -69,6 +69,27 @@ impl OutputFolder {
         &self.root
     }
 
+    /// `photometric/`: depth maps of the photographs alone, there until all views have been refined once more with those
+    /// of the others.
+    #[must_use]
+    pub fn photometric(&self) -> Self {
+        Self { root: self.root.join("photometric") }
+    }
+
+    /// Removes [`OutputFolder::photometric`].
+    ///
+    /// # Errors
+    /// If it cannot be removed.
+    pub fn remove_photometric(&self) -> Result<(), VamvsError> {
+        let path = self.photometric().root;
+        match std::fs::remove_dir_all(&path) {
+            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                Err(IoError::System { action: "remove", path, source }.into())
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// `cams/`.
     #[must_use]
     pub fn cams(&self) -> PathBuf {
@@ -270,6 +291,25 @@ impl OutputFolder {
             return None;
         }
         read_json(&self.record(name)).ok()
+    }
+
+    /// A view's depth map as it was saved, and its normals in the world, if it has some.
+    ///
+    /// # Errors
+    /// If a file cannot be read.
+    pub fn load(&self, name: &str) -> Result<(DepthMap, Option<Grid<[f32; 3]>>), VamvsError> {
+        let depth = pfm::read_depth(&self.depth(name))?;
+        let camera = mvsnet::read_cam(&self.cam(name), &mvsnet::Options::default())?;
+        let normals = self.normals(name);
+        let normals = normals.is_file().then(|| pfm::read_rgb(&normals)).transpose()?;
+        let map = DepthMap {
+            camera: vamvs_core::Pinhole { size: depth.size(), intrinsics: camera.intrinsics },
+            cam_from_world: camera.cam_from_world,
+            depth,
+            confidence: pfm::read(&self.confidence(name))?,
+            coarse_confidence: None,
+        };
+        Ok((map, normals))
     }
 
     /// Whether the files of a view's depth map can be read, all of them, and are of one size.

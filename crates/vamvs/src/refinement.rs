@@ -8,7 +8,7 @@ use vamvs_core::{DepthMap, Grid, Photo, Scene};
 use vamvs_refine::{RefineOptions, Refined, refine};
 
 use crate::refine::PhotoCache;
-use crate::{Photographs, VamvsError};
+use crate::{OutputFolder, Photographs, VamvsError, geometric};
 
 /// What refining a depth map takes for each pixel of the photograph, bytes: planes, features and the images of the
 /// reference and its sources.
@@ -22,8 +22,10 @@ pub(crate) struct Refinement<'a> {
     kept: PhotoCache,
     /// Time that reading photographs took.
     pub reading: Duration,
-    /// Time that refining took.
+    /// Time that refining by the photographs alone took.
     pub refining: Duration,
+    /// Time that refining with the source views' depth maps took.
+    pub refining_again: Duration,
 }
 
 /// What the network gives for one view.
@@ -39,15 +41,15 @@ pub(crate) struct Seed<'a> {
 impl<'a> Refinement<'a> {
     /// Of photographs as large as `photographs` has them before the network's reduction.
     pub fn new(scene: &'a Scene, photographs: &Photographs) -> Self {
-        let (reading, refining) = (Duration::ZERO, Duration::ZERO);
         let options = RefineOptions::default();
         Self {
             scene,
             photographs: photographs.full(),
             options,
             kept: PhotoCache::default(),
-            reading,
-            refining,
+            reading: Duration::ZERO,
+            refining: Duration::ZERO,
+            refining_again: Duration::ZERO,
         }
     }
 
@@ -67,6 +69,23 @@ impl<'a> Refinement<'a> {
         let others: Vec<&Photo> = others.iter().map(Rc::as_ref).collect();
         let refined = refine(limited, &others, seed.map, seed.visibility, &self.options)?;
         self.refining += begin.elapsed();
+        Ok((refined, reference))
+    }
+
+    /// The depth map that `first` has of `view`, refined once more with those of `sources`, and its photograph.
+    pub fn refine_again(
+        &mut self,
+        view: usize,
+        sources: &[usize],
+        (first, names): (&OutputFolder, &[String]),
+    ) -> Result<(Refined, Rc<Photo>), VamvsError> {
+        let reference = self.photo(view)?;
+        // That a source view cannot be read is told where its own turn comes.
+        let with_photo = |&source: &usize| Some((names[source].as_str(), self.photo(source).ok()?));
+        let sources: Vec<(&str, Rc<Photo>)> = sources.iter().filter_map(with_photo).collect();
+        let begin = Instant::now();
+        let refined = geometric::refined(first, &names[view], &reference, &sources, &self.options)?;
+        self.refining_again += begin.elapsed();
         Ok((refined, reference))
     }
 

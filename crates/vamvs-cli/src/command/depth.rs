@@ -143,7 +143,12 @@ pub fn as_json(summary: &DepthSummary) -> serde_json::Value {
     let stages = Stage::ALL.map(|stage| {
         (format!("{stage:?}").to_lowercase(), summary.profile.spent(stage).as_secs_f64().into())
     });
-    let files = [("read", summary.reading), ("write", summary.writing)];
+    let files = [
+        ("read", summary.reading),
+        ("refine", summary.refining),
+        ("refine-again", summary.refining_again),
+        ("write", summary.writing),
+    ];
     let files = files.map(|(name, time)| (name.to_owned(), time.as_secs_f64().into()));
     json!({
         "made": summary.made,

@@ -82,8 +82,9 @@ fn photo((surface, detail): (Surface, f64), camera: Pinhole, pose: &Pose, placem
         let offset = |i: usize| (i as f64 + 0.5) / SAMPLES as f64;
         let places =
             (0..SAMPLES * SAMPLES).map(|i| (x as f64 + offset(i % SAMPLES), y as f64 + offset(i / SAMPLES)));
-        let grey =
-            places.map(|(x, y)| meet(surface, &camera, pose, x, y).map_or(0.0, |hit| texture(&(hit.point * detail))));
+        let grey = places.map(|(x, y)| {
+            meet(surface, &camera, pose, x, y).map_or(0.0, |hit| texture(&(hit.point * detail)))
+        });
         [(grey.sum::<f64>() / (SAMPLES * SAMPLES) as f64).round() as u8; 3]
     });
     Photo { camera, cam_from_world: placed(pose, placement), image, mask: None }

@@ -9,12 +9,12 @@ use vamvs_core::depth_map::is_valid;
 use vamvs_core::{DepthMap, DepthRange, Photo, Source};
 
 use super::cache::PhotoCache;
-use super::{RefineJob, RefineSummary, Refined, refine_view, refine_view_geometric};
+use super::{RefineJob, RefineSummary, Refined, refine_view};
 use crate::output::{LeftOut, Record, SavedMap, names};
-use crate::{Event, VamvsError};
+use crate::{Event, OutputFolder, Pass, VamvsError, geometric};
 
 /// Changes whenever the same inputs give other depth maps.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// What became of a view.
 enum Outcome {
@@ -29,8 +29,10 @@ pub(super) struct Run<'a> {
     /// For each depth map, those of its source views, best first.
     sources: Vec<Vec<usize>>,
     photos: PhotoCache,
-    /// Results without geometric pass that will still be needed.
-    first: HashMap<usize, Rc<Refined>>,
+    /// Where depth maps without geometric pass are until all are done.
+    first: OutputFolder,
+    /// Depth maps that were made there now.
+    made: HashSet<usize>,
     hashes: HashMap<usize, blake3::Hash>,
     summary: RefineSummary,
 }
@@ -48,7 +50,8 @@ impl<'a> Run<'a> {
             views,
             sources,
             photos: PhotoCache::new(2 * job.views),
-            first: HashMap::new(),
+            first: job.output.photometric(),
+            made: HashSet::new(),
             hashes: HashMap::new(),
             summary: RefineSummary::default(),
         }
@@ -59,6 +62,9 @@ impl<'a> Run<'a> {
         self.job.output.expect_apart([self.job.photographs.folder()])?;
         self.job.output.expect_apart([self.job.maps.root().join("images").as_path()])?;
         self.job.output.prepare(&names)?;
+        if self.job.geometric {
+            self.first.prepare(&names)?;
+        }
         self.job.output.forget_views()?;
         let total = names.len();
         for (map, name) in names.iter().enumerate() {
@@ -67,71 +73,100 @@ impl<'a> Run<'a> {
                 Ok(outcome) => {
                     let resumed = matches!(outcome, Outcome::Resumed);
                     let (name, done) = ((*name).to_owned(), map + 1);
-                    on_event(Event::DepthMap { name, done, total, resumed, time: begin.elapsed() });
+                    let (pass, time) = (Pass::Final, begin.elapsed());
+                    on_event(Event::DepthMap { name, pass, done, total, resumed, time });
                 }
                 Err(error) => self.leave_out(name, error.in_full(), on_event)?,
             }
-            self.forget(map);
         }
+        self.job.output.remove_photometric()?;
         self.finish(&names)
     }
 
     /// Refines one view unless that is done. The outer error is one of writing.
     fn view(&mut self, map: usize) -> Result<Result<Outcome, VamvsError>, VamvsError> {
-        let record = match self.record(map) {
+        let record = match self.record(map, self.job.geometric) {
             Ok(record) => record,
             Err(error) => return Ok(Err(error)),
         };
-        let (output, name) = (self.job.output, self.job.maps.names()[map].as_str());
-        let same = |saved: Record| saved.made_of == record.made_of;
-        let is_there = output.saved(name).is_some_and(same) && output.normals(name).is_file();
-        if !self.job.force && is_there && output.is_readable(name) {
+        if self.is_there(self.job.output, map, &record) {
             self.summary.resumed += 1;
             return Ok(Ok(Outcome::Resumed));
         }
-        match self.refined(map).and_then(|refined| Ok((range(&refined.map)?, self.photo(map)?, refined))) {
+        let refined = if self.job.geometric { self.refined_again(map) } else { self.refined(map) };
+        match refined {
             Err(error) => Ok(Err(error)),
-            Ok((range, photo, refined)) => {
-                let begin = Instant::now();
-                let normals = refined.normals_in_world();
-                let saved =
-                    SavedMap { map: &refined.map, range, colour: &photo.image, normals: Some(&normals) };
-                output.save(name, &saved, &record)?;
-                self.summary.writing += begin.elapsed();
-                self.summary.made += 1;
-                Ok(Ok(Outcome::Made))
-            }
+            Ok(refined) => match self.save(self.job.output, map, &refined, &record)? {
+                Err(error) => Ok(Err(error)),
+                Ok(()) => {
+                    self.summary.made += 1;
+                    Ok(Ok(Outcome::Made))
+                }
+            },
         }
     }
 
-    fn refined(&mut self, map: usize) -> Result<Rc<Refined>, VamvsError> {
-        let own = self.first(map)?;
-        if !self.job.geometric {
-            return Ok(own);
-        }
+    fn is_there(&self, folder: &OutputFolder, map: usize, record: &Record) -> bool {
+        let name = &self.job.maps.names()[map];
+        let same = |saved: Record| saved.made_of == record.made_of;
+        let is_there = folder.saved(name).is_some_and(same) && folder.normals(name).is_file();
+        !self.job.force && is_there && folder.is_readable(name)
+    }
+
+    /// Saves a refined depth map. The outer error is one of writing.
+    fn save(
+        &mut self,
+        folder: &OutputFolder,
+        map: usize,
+        refined: &Refined,
+        record: &Record,
+    ) -> Result<Result<(), VamvsError>, VamvsError> {
+        let (range, photo) = match range(&refined.map).and_then(|range| Ok((range, self.photo(map)?))) {
+            Ok(found) => found,
+            Err(error) => return Ok(Err(error)),
+        };
+        let begin = Instant::now();
+        let normals = refined.normals_in_world();
+        let saved = SavedMap { map: &refined.map, range, colour: &photo.image, normals: Some(&normals) };
+        folder.save(&self.job.maps.names()[map], &saved, record)?;
+        self.summary.writing += begin.elapsed();
+        Ok(Ok(()))
+    }
+
+    /// A depth map refined by the photographs and then with the depth maps of the source views.
+    fn refined_again(&mut self, map: usize) -> Result<Refined, VamvsError> {
+        self.ensure_first(map)?;
         // A source view that cannot be refined has no part; that is told where its own turn comes.
-        let (mut photos, mut maps) = (Vec::new(), Vec::new());
+        let names = self.job.maps.names();
+        let mut sources = Vec::new();
         for source in self.sources[map].clone() {
             if let Ok(photo) = self.photo(source) {
-                photos.push(photo);
-                maps.push(self.first(source).ok());
+                self.ensure_first(source).ok();
+                sources.push((names[source].as_str(), photo));
             }
         }
         let reference = self.photo(map)?;
-        let photos: Vec<&Photo> = photos.iter().map(Rc::as_ref).collect();
-        let maps: Vec<Option<&DepthMap>> =
-            maps.iter().map(|refined| refined.as_ref().map(|refined| &refined.map)).collect();
         let begin = Instant::now();
-        let refined = refine_view_geometric(&reference, &photos, &own, &maps, self.job.options)?;
+        let refined = geometric::refined(&self.first, &names[map], &reference, &sources, self.job.options)?;
         self.summary.geometric += begin.elapsed();
-        Ok(Rc::new(refined))
+        Ok(refined)
     }
 
-    /// The result of the photographs alone, kept for the views to come.
-    fn first(&mut self, map: usize) -> Result<Rc<Refined>, VamvsError> {
-        if let Some(refined) = self.first.get(&map) {
-            return Ok(refined.clone());
+    /// Sees to it that the depth map of the photographs alone is in its folder.
+    fn ensure_first(&mut self, map: usize) -> Result<(), VamvsError> {
+        let record = self.record(map, false)?;
+        let folder = self.first.clone();
+        if self.made.contains(&map) || self.is_there(&folder, map, &record) {
+            return Ok(());
         }
+        let refined = self.refined(map)?;
+        self.save(&folder, map, &refined, &record)??;
+        self.made.insert(map);
+        Ok(())
+    }
+
+    /// A depth map refined by the photographs alone.
+    fn refined(&mut self, map: usize) -> Result<Refined, VamvsError> {
         let begin = Instant::now();
         let seed = self.job.maps.depth_map(map)?;
         self.summary.reading += begin.elapsed();
@@ -140,9 +175,8 @@ impl<'a> Run<'a> {
             self.sources[map].clone().into_iter().filter_map(|source| self.photo(source).ok()).collect();
         let sources: Vec<&Photo> = sources.iter().map(Rc::as_ref).collect();
         let begin = Instant::now();
-        let refined = Rc::new(refine_view(&reference, &sources, &seed, &[], self.job.options)?);
+        let refined = refine_view(&reference, &sources, &seed, &[], self.job.options)?;
         self.summary.photometric += begin.elapsed();
-        self.first.insert(map, refined.clone());
         Ok(refined)
     }
 
@@ -158,18 +192,10 @@ impl<'a> Run<'a> {
         photo
     }
 
-    /// Drops what no later view needs.
-    fn forget(&mut self, done: usize) {
-        let later = done + 1..self.sources.len();
-        let needed: HashSet<usize> =
-            later.flat_map(|map| self.sources[map].iter().copied().chain([map])).collect();
-        self.first.retain(|map, _| needed.contains(map));
-    }
-
-    fn record(&mut self, map: usize) -> Result<Record, VamvsError> {
+    fn record(&mut self, map: usize, geometric: bool) -> Result<Record, VamvsError> {
         let mut hasher = blake3::Hasher::new();
         let photographs = self.job.photographs;
-        let options = (VERSION, self.job.options, self.job.geometric, photographs.max_size());
+        let options = (VERSION, self.job.options, geometric, photographs.max_size());
         hasher.update(format!("{options:?} {:?}", photographs.shape()).as_bytes());
         for view in std::iter::once(map).chain(self.sources[map].clone()) {
             let own = self.hash(view)?;
