@@ -1,13 +1,17 @@
 //! What a source view's own depth map says of a reference pixel.
 
 use vamvs_core::depth_map::is_valid;
-use vamvs_core::{DepthMap, Pinhole, Pose};
+use vamvs_core::{DepthMap, Grid, Pinhole, Pose};
 
 use crate::transfer::Transfer;
 
+/// Neighbouring inverse depths that differ by a larger share are of two surfaces.
+const JUMP: f32 = 0.02;
+
 /// A source's depth map with the ways there and back.
-pub(crate) struct Geometry<'a> {
-    map: &'a DepthMap,
+pub(crate) struct Geometry {
+    /// Inverse depth; 0 where there is none.
+    inverse: Grid<f32>,
     to_source: Transfer,
     to_reference: Transfer,
 }
@@ -21,11 +25,11 @@ pub(crate) struct Seen {
     pub w: f32,
 }
 
-impl<'a> Geometry<'a> {
-    pub fn new(map: &'a DepthMap, reference: (&Pinhole, &Pose)) -> Self {
+impl Geometry {
+    pub fn new(map: &DepthMap, reference: (&Pinhole, &Pose)) -> Self {
         let source = (&map.camera, &map.cam_from_world);
         Self {
-            map,
+            inverse: map.depth.map(|&depth| if is_valid(depth) { 1.0 / depth } else { 0.0 }),
             to_source: Transfer::new(reference, source),
             to_reference: Transfer::new(source, reference),
         }
@@ -40,20 +44,37 @@ impl<'a> Geometry<'a> {
             return None;
         }
         let (u, v) = (seen[0] / seen[2], seen[1] / seen[2]);
-        if u < 0.0 || v < 0.0 {
-            return None;
-        }
-        let depth = *self.map.depth.get(u as usize, v as usize)?;
-        if !is_valid(depth) {
-            return None;
-        }
-        let w_in_source = 1.0 / depth;
+        let w_in_source = self.at(u, v).filter(|&w| w > 0.0)?;
         let back = self.to_reference.seen(self.to_reference.ray(u, v), w_in_source);
         if back[2] <= 0.0 {
             return None;
         }
         let (dx, dy) = (back[0] / back[2] - x, back[1] / back[2] - y);
         Some(Seen { way: (dx * dx + dy * dy).sqrt(), w: w_in_source / back[2] })
+    }
+
+    /// Inverse depth at a place of the map: interpolated on one surface, else the nearest pixel's.
+    #[inline]
+    fn at(&self, u: f32, v: f32) -> Option<f32> {
+        if u < 0.0 || v < 0.0 {
+            return None;
+        }
+        let (x, y) = (u as usize, v as usize);
+        let nearest = *self.inverse.get(x, y)?;
+        let (left, top) = ((u - 0.5).max(0.0), (v - 0.5).max(0.0));
+        let (x, y) = (left as usize, top as usize);
+        if x + 1 >= self.inverse.width() || y + 1 >= self.inverse.height() {
+            return Some(nearest);
+        }
+        let (upper, lower) = (&self.inverse.row(y)[x..x + 2], &self.inverse.row(y + 1)[x..x + 2]);
+        let low = upper[0].min(upper[1]).min(lower[0]).min(lower[1]);
+        let high = upper[0].max(upper[1]).max(lower[0]).max(lower[1]);
+        if low < (1.0 - JUMP) * high {
+            return Some(nearest);
+        }
+        let (fx, fy) = (left - x as f32, top - y as f32);
+        let (upper, lower) = (upper[0] + fx * (upper[1] - upper[0]), lower[0] + fx * (lower[1] - lower[0]));
+        Some(upper + fy * (lower - upper))
     }
 }
 

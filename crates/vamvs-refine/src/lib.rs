@@ -84,7 +84,8 @@ pub enum RefineError {
     },
 }
 
-/// Refines a depth map to the size of the reference photograph.
+/// Refines a depth map to the size of the reference photograph, or to a half or a quarter of it
+/// ([`RefineOptions::halvings`]).
 ///
 /// `seed` is a depth map of the reference view at any scale; where it has holes, depth is searched around what is near.
 /// `visibility` holds for each source how likely it sees what each reference pixel shows, in [0, 1], at any size; it may
@@ -113,10 +114,11 @@ pub fn refine(
         (guess.trusted(), confidence::UNMATCHED * guess.confidence.max(0.0))
     };
     let field = finished(&field, &matcher);
-    Ok(refined::refined(reference, &field, &matcher, seed))
+    let camera = source::reduced(&reference.camera, options.halvings);
+    Ok(refined::refined((camera, reference.cam_from_world), &field, &matcher, seed))
 }
 
-/// Refines once more what [`refine`] gave, with the depth maps that it gave for the source views (`None` where one has
+/// Refines once more, to the size of the photograph, what [`refine`] gave at this or half of this size, with the depth maps that it gave for the source views (`None` where one has
 /// none): a plane then also costs where the sources' own surfaces are not met.
 ///
 /// # Errors
@@ -130,8 +132,12 @@ pub fn refine_geometric(
 ) -> Result<Refined, RefineError> {
     let sources = &sources[..sources.len().min(MOST_SOURCES)];
     check(reference, sources)?;
-    check_size("first depth map", reference.camera.size, first.map.depth.size())?;
-    check_size("first normals", reference.camera.size, first.normals.size())?;
+    let (whole, found) = (reference.camera.size, first.map.depth.size());
+    let is_half = found == source::reduced(&reference.camera, 1).size;
+    if !is_half {
+        check_size("first depth map", whole, found)?;
+    }
+    check_size("first normals", found, first.normals.size())?;
     if depths.len() < sources.len() {
         let (expected, found) = (sources.len(), depths.len());
         return Err(RefineError::Count { what: "depth map or None", expected, found });
@@ -141,19 +147,30 @@ pub fn refine_geometric(
     let here = (&reference.camera, &reference.cam_from_world);
     let with_depths = matcher.sources.into_iter().zip(depths);
     matcher.sources = with_depths.map(|(source, depth)| source.with_depth(*depth, here)).collect();
-    let mut field = Field::new(matcher.image.size, |x, y| {
-        let plane = first.plane(x, y);
-        let mut state = State::unjudged(plane);
-        if let Some(pixel) = matcher.pixel(x, y, plane.w, plane.w) {
-            consider(&pixel, plane, &mut state);
-        }
-        state
-    });
-    let prior = |x: usize, y: usize| first.plane(x, y).w;
+    let planes = Field::new(found, |x, y| State::unjudged(first.plane(x, y)));
+    let prior = |x: usize, y: usize| {
+        if is_half { solve::parent(&planes, x, y).0.w } else { planes.at(x, y).plane.w }
+    };
+    let mut field = if is_half { solve::enlarged(&planes, &matcher) } else { judged(&planes, &matcher) };
     sweep(&mut field, &matcher, prior, Sweep { steps: 1, settled: false });
     let field = finished(&field, &matcher);
-    let seed = |x: usize, y: usize| (first.plane(x, y).w, first.map.confidence[(x, y)]);
-    Ok(refined::refined(reference, &field, &matcher, seed))
+    let ratio = if is_half { 2 } else { 1 };
+    let inside = |at: usize, count: usize| (at / ratio).min(count - 1);
+    let confidence =
+        |x: usize, y: usize| first.map.confidence[(inside(x, found.width), inside(y, found.height))];
+    let seed = |x: usize, y: usize| (prior(x, y), confidence(x, y));
+    Ok(refined::refined((reference.camera, reference.cam_from_world), &field, &matcher, seed))
+}
+
+/// The planes with their energies.
+fn judged(planes: &Field, matcher: &Matcher) -> Field {
+    Field::new(planes.size(), |x, y| {
+        let mut state = *planes.at(x, y);
+        if let Some(pixel) = matcher.pixel(x, y, state.plane.w, state.plane.w) {
+            consider(&pixel, state.plane, &mut state);
+        }
+        state
+    })
 }
 
 fn check(reference: &Photo, sources: &[&Photo]) -> Result<(), RefineError> {

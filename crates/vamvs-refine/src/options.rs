@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct RefineOptions {
+    /// How often the photograph's size is halved for the result of [`crate::refine`]: 1 does for a first pass.
+    pub halvings: usize,
     /// How many source views, those that match best, a pixel's correlation is the mean of.
     pub views: usize,
     /// Difference of luminance at which a texel counts a quarter, grey values.
@@ -35,6 +37,7 @@ pub struct RefineOptions {
 impl Default for RefineOptions {
     fn default() -> Self {
         Self {
+            halvings: 0,
             views: 2,
             colour: 20.0,
             noise: 1.0,

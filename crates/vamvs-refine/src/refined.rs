@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
-use vamvs_core::{DepthMap, Grid, Photo};
+use vamvs_core::{DepthMap, Grid, Pinhole, Pose};
 
 use crate::confidence;
 use crate::energy::Match;
@@ -10,7 +10,7 @@ use crate::field::{Field, State};
 use crate::matcher::Matcher;
 use crate::plane::Plane;
 
-/// A refined depth map of a photograph's size.
+/// A refined depth map.
 #[derive(Clone, Debug)]
 pub struct Refined {
     /// Depth, and confidence in [0, 1].
@@ -87,7 +87,7 @@ struct Outcome {
 /// The result of a field. `seed(x, y)` tells the inverse depth and the confidence that the seed has at a pixel, both 0
 /// where it has none.
 pub(crate) fn refined(
-    reference: &Photo,
+    (camera, cam_from_world): (Pinhole, Pose),
     field: &Field,
     matcher: &Matcher,
     seed: impl Fn(usize, usize) -> (f32, f32) + Sync,
@@ -96,15 +96,15 @@ pub(crate) fn refined(
     let mut outcomes = Grid::filled(size, Outcome::default());
     outcomes.data_mut().par_chunks_exact_mut(size.width.max(1)).enumerate().for_each(|(y, row)| {
         for (x, outcome) in row.iter_mut().enumerate() {
-            *outcome = pixel(reference, field.at(x, y), matcher, (x, y), seed(x, y)).unwrap_or_default();
+            *outcome = pixel(&camera, field.at(x, y), matcher, (x, y), seed(x, y)).unwrap_or_default();
         }
     });
     let confidence =
         |outcome: &Outcome| if outcome.depth > 0.0 { confidence::of(&outcome.features) } else { 0.0 };
     Refined {
         map: DepthMap {
-            camera: reference.camera,
-            cam_from_world: reference.cam_from_world,
+            camera,
+            cam_from_world,
             depth: outcomes.map(|outcome| outcome.depth),
             confidence: outcomes.map(confidence),
             coarse_confidence: None,
@@ -115,7 +115,7 @@ pub(crate) fn refined(
 }
 
 fn pixel(
-    reference: &Photo,
+    camera: &Pinhole,
     state: &State,
     matcher: &Matcher,
     (x, y): (usize, usize),
@@ -137,7 +137,7 @@ fn pixel(
         seed: seed_confidence,
         geometric: pixel.geometric_agreement(&plane).map_or(-1.0, |count| share(count as f32)),
     };
-    let intrinsics = &reference.camera.intrinsics;
+    let intrinsics = &camera.intrinsics;
     let normal = plane.normal(intrinsics, x as f64 + 0.5, y as f64 + 0.5);
     Some(Outcome { depth: 1.0 / plane.w, normal: normal.cast::<f32>().into(), features })
 }

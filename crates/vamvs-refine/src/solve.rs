@@ -34,9 +34,10 @@ pub(crate) fn matcher<'a>(problem: &Problem<'a>, level: usize) -> Matcher<'a> {
     }
 }
 
-/// Planes at full size, and what the seed said, at the resolution where the search began.
+/// Planes at the resolution that is wanted, and what the seed said, at the resolution where the search began.
 pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<Guess>, Matcher<'a>) {
-    let first = first_level(&problem.reference.camera, seed);
+    let last = problem.options.halvings.min(MOST_LEVELS);
+    let first = first_level(&problem.reference.camera, seed).max(last);
     let matcher = self::matcher(problem, first);
     let guesses = Seed::new(seed).guesses(&matcher.image, &reduced(&problem.reference.camera, first));
     let mut field = search(&matcher, &guesses);
@@ -45,7 +46,7 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
         sweep(&mut field, &matcher, prior, Sweep { steps: 2, settled: number > 0 });
     }
     let mut matcher = matcher;
-    for level in (0..first).rev() {
+    for level in (last..first).rev() {
         matcher = self::matcher(problem, level);
         let coarse = field;
         field = enlarged(&coarse, &matcher);
@@ -93,7 +94,7 @@ impl Guess {
 }
 
 /// The plane of the pixel of half the resolution that holds `(x, y)`, as seen from it.
-fn parent(coarse: &Field, x: usize, y: usize) -> (Plane, (usize, usize)) {
+pub(crate) fn parent(coarse: &Field, x: usize, y: usize) -> (Plane, (usize, usize)) {
     let size = coarse.size();
     let (px, py) = ((x / 2).min(size.width - 1), (y / 2).min(size.height - 1));
     (seen_below(coarse, (px, py), (x, y)), (px, py))
@@ -105,7 +106,7 @@ fn seen_below(coarse: &Field, (px, py): (usize, usize), (x, y): (usize, usize)) 
 }
 
 /// The planes at twice the resolution: of the four nearest pixels' planes the best.
-fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
+pub(crate) fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
     let size = coarse.size();
     Field::new(matcher.image.size, |x, y| {
         let (own, (px, py)) = parent(coarse, x, y);

@@ -16,7 +16,7 @@ pub(crate) struct Source<'a> {
     /// How likely the source sees what a reference pixel shows, 0 to 1, at any size.
     pub visibility: Option<&'a Grid<f32>>,
     /// The source's own depth map.
-    pub geometry: Option<Geometry<'a>>,
+    pub geometry: Option<Geometry>,
 }
 
 impl<'a> Source<'a> {
@@ -34,7 +34,7 @@ impl<'a> Source<'a> {
     }
 
     /// The source with its depth map.
-    pub fn with_depth(self, map: Option<&'a DepthMap>, reference: (&Pinhole, &Pose)) -> Self {
+    pub fn with_depth(self, map: Option<&DepthMap>, reference: (&Pinhole, &Pose)) -> Self {
         Self { geometry: map.map(|map| Geometry::new(map, reference)), ..self }
     }
 }

@@ -8,7 +8,7 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Planes, Rgb, Scene, Size, Source};
 use vamvs_io::image;
 use vamvs_net::{EncodedView, Estimator, Profile};
-use vamvs_refine::Refined;
+use vamvs_refine::{RefineOptions, Refined};
 
 use crate::ceiling::Ceiling;
 use crate::feature_cache::{Encoded, FeatureCache};
@@ -91,7 +91,9 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
     let most = job.options.views + BESIDE;
     let features =
         FeatureCache::new(job.scene, job.photographs.clone(), job.estimator.network(), (capacity, most));
-    let refinement = job.options.refine.then(|| Refinement::new(job.scene, job.photographs));
+    let halvings = usize::from(first_folder(job) != *job.output);
+    let options = RefineOptions { halvings, ..RefineOptions::default() };
+    let refinement = job.options.refine.then(|| Refinement::new(job.scene, job.photographs, options));
     let (unusable, left_out) = (BTreeMap::new(), BTreeSet::new());
     let ceiling = Ceiling::new(job.options.max_memory, for_maps);
     let (first, done) = (first_folder(job), BTreeSet::new());
@@ -581,7 +583,7 @@ impl Run<'_> {
 /// A refined depth map with its photograph.
 fn refined_map((refined, photo): (Refined, Rc<Photo>)) -> MadeMap {
     let normals = Some(refined.normals_in_world());
-    MadeMap { colour: photo.image.clone(), normals, map: refined.map }
+    MadeMap { colour: image::resize(&photo.image, refined.map.depth.size()), normals, map: refined.map }
 }
 
 /// Leaves no depth where the mask of the photograph says not to look.

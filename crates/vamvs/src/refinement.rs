@@ -40,8 +40,7 @@ pub(crate) struct Seed<'a> {
 
 impl<'a> Refinement<'a> {
     /// Of photographs as large as `photographs` has them before the network's reduction.
-    pub fn new(scene: &'a Scene, photographs: &Photographs) -> Self {
-        let options = RefineOptions::default();
+    pub fn new(scene: &'a Scene, photographs: &Photographs, options: RefineOptions) -> Self {
         Self {
             scene,
             photographs: photographs.full(),

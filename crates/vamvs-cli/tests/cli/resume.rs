@@ -110,6 +110,10 @@ fn depth_maps_are_refined_to_the_size_of_their_photographs_unless_that_is_not_wa
     let facing = vamvs::io::pfm::read_rgb(&normals).unwrap();
     assert_eq!(facing.size(), truth.size());
     assert!(run(&[]).1.contains("0 depth maps made, 3 were there"));
+    // The pass with the other views' depth maps helps, and leaves nothing else behind.
+    assert!(!scene.out().join("photometric").exists());
+    let (alone, _) = run(&["--no-geometric"]);
+    assert!(share(&refined) > share(&alone), "{} and {}", share(&refined), share(&alone));
     // Photographs for the network are smaller, depth maps are not.
     assert_eq!(run(&["--network-size", "128"]).0.size(), truth.size());
     let (half, _) = run(&["--max-size", "128"]);

@@ -9,12 +9,14 @@ use vamvs_core::depth_map::is_valid;
 use vamvs_core::{DepthMap, DepthRange, Photo, Source};
 
 use super::cache::PhotoCache;
-use super::{RefineJob, RefineSummary, Refined, refine_view};
+use super::{RefineJob, RefineOptions, RefineSummary, Refined, refine_view};
 use crate::output::{LeftOut, Record, SavedMap, names};
+use vamvs_io::image;
+
 use crate::{Event, OutputFolder, Pass, VamvsError, geometric};
 
 /// Changes whenever the same inputs give other depth maps.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// What became of a view.
 enum Outcome {
@@ -127,7 +129,8 @@ impl<'a> Run<'a> {
         };
         let begin = Instant::now();
         let normals = refined.normals_in_world();
-        let saved = SavedMap { map: &refined.map, range, colour: &photo.image, normals: Some(&normals) };
+        let colour = image::resize(&photo.image, refined.map.depth.size());
+        let saved = SavedMap { map: &refined.map, range, colour: &colour, normals: Some(&normals) };
         folder.save(&self.job.maps.names()[map], &saved, record)?;
         self.summary.writing += begin.elapsed();
         Ok(Ok(()))
@@ -175,7 +178,9 @@ impl<'a> Run<'a> {
             self.sources[map].clone().into_iter().filter_map(|source| self.photo(source).ok()).collect();
         let sources: Vec<&Photo> = sources.iter().map(Rc::as_ref).collect();
         let begin = Instant::now();
-        let refined = refine_view(&reference, &sources, &seed, &[], self.job.options)?;
+        let halvings = self.job.options.halvings.max(usize::from(self.job.geometric));
+        let options = RefineOptions { halvings, ..*self.job.options };
+        let refined = refine_view(&reference, &sources, &seed, &[], &options)?;
         self.summary.photometric += begin.elapsed();
         Ok(refined)
     }
