@@ -62,8 +62,8 @@ fn equations<const N: usize>(
         dv[j] = sum_lanes(&sums.dv[j]) - d[j] * mean;
         dr[j] = sum_lanes(&sums.dr[j]);
     }
-    for j in 0..6 {
-        dd[j] = sum_lanes(&sums.dd[j]);
+    for (sum, lanes) in dd.iter_mut().zip(&sums.dd) {
+        *sum = sum_lanes(lanes);
     }
     let mut normal =
         Normal { correlation: product / ((window.variance + floor) * variance).sqrt(), ..Normal::default() };

@@ -43,6 +43,7 @@ pub(crate) fn sample<const N: usize>(source: &Quads, warp: &Affine, begin: usize
 impl<const N: usize> Samples<N> {
     /// The values less `mean`.
     #[inline(always)]
+    #[expect(clippy::needless_range_loop, reason = "all of several arrays are indexed")]
     pub fn values(&self, mean: f32) -> [f32; N] {
         let mut values = [0.0; N];
         for i in 0..N {

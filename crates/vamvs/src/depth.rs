@@ -1,14 +1,19 @@
 //! Depth maps of all views, kept in the output folder.
 
+mod region;
+mod second_pass;
+
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Planes, Rgb, Scene, Size, Source};
+use vamvs_core::{DepthMap, Grid, Photo, Planes, Rgb, Scene, Source};
 use vamvs_io::image;
 use vamvs_net::{EncodedView, Estimator, Profile};
 use vamvs_refine::{RefineOptions, Refined};
+
+use region::{covered, placed, remove_masked, rescaled, unmasked, widened};
 
 use crate::ceiling::Ceiling;
 use crate::feature_cache::{Encoded, FeatureCache};
@@ -19,9 +24,6 @@ use crate::output::{LeftOut, Record, SavedMap, names};
 use crate::photographs::working_cameras;
 use crate::refinement::{BYTES_PER_PIXEL, Refinement, Seed, shares};
 use crate::{DepthOptions, Event, OutputFolder, Pass, Photographs, Plan, VamvsError, ViewPlan};
-
-/// Pixels around a region of interest that are computed too, so that its border has neighbours.
-const REGION_MARGIN: usize = 32;
 
 /// A depth this close to an end of its planes, as a share of them, sits at that end.
 const END_SHARE: f64 = 0.01;
@@ -203,45 +205,6 @@ struct MadeMap {
 }
 
 impl Run<'_> {
-    fn has_two_passes(&self) -> bool {
-        self.first != *self.job.output
-    }
-
-    /// Finds the views whose depth maps are there, made of the same as they would be now.
-    fn find_done(&mut self) {
-        for (view, plan) in self.job.plan.views.iter().enumerate() {
-            let (Ok(plan), Some(saved)) = (plan, self.job.output.saved(&self.names[view])) else { continue };
-            let planned = |view: usize| {
-                let plan = self.job.plan.views[view].as_ref().ok();
-                plan.map(|plan| self.record(view, plan).made_of)
-            };
-            let is_same = saved.made_of == self.made_again_of(view, plan, planned);
-            if !self.job.force && is_same && self.job.output.is_readable(&self.names[view]) {
-                self.done.insert(view);
-            }
-        }
-    }
-
-    /// The hash of what makes the depth map of the geometric pass, from those of the first pass.
-    fn made_again_of(&self, view: usize, plan: &ViewPlan, first: impl Fn(usize) -> Option<String>) -> String {
-        let mut hasher = blake3::Hasher::new();
-        for view in std::iter::once(view).chain(plan.sources.iter().copied()) {
-            hasher.update(format!("geometric {:?}", first(view)).as_bytes());
-        }
-        hasher.finalize().to_hex().to_string()
-    }
-
-    /// The views whose depth maps of the first pass are needed.
-    fn needed(&self) -> BTreeSet<usize> {
-        let plans = self.job.plan.views.iter().enumerate();
-        let missing = plans.filter(|(view, _)| !self.done.contains(view));
-        let with_sources = |(view, plan): (usize, &Result<ViewPlan, String>)| {
-            let sources = plan.as_ref().map_or(Vec::new(), |plan| plan.sources.clone());
-            std::iter::once(view).chain(sources)
-        };
-        missing.flat_map(with_sources).collect()
-    }
-
     fn first_pass(&mut self, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
         let needed = self.needed();
         let plans = self.job.plan.views.iter().enumerate().filter(|(view, _)| needed.contains(view));
@@ -273,50 +236,6 @@ impl Run<'_> {
     fn count(&mut self, resumed: bool) {
         let count = if resumed { &mut self.summary.resumed } else { &mut self.summary.made };
         *count += 1;
-    }
-
-    /// Refines the depth maps of the first pass with those of the source views, and removes them.
-    fn geometric_pass(&mut self, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
-        self.features.clear();
-        memory::give_back();
-        let views = || (0..self.names.len()).filter(|view| self.job.plan.views[*view].is_ok());
-        let (total, views): (usize, Vec<usize>) = (views().count(), views().collect());
-        for (done, view) in views.into_iter().enumerate() {
-            if self.left_out.contains(&view) {
-                continue;
-            }
-            let (name, begin) = (self.job.scene.views[view].name.clone(), Instant::now());
-            let resumed = self.done.contains(&view);
-            if !resumed && let Err(error) = self.refine_again(view)? {
-                self.leave_out(view, LeftOut { view: name, reason: error.in_full() }, on_event)?;
-                continue;
-            }
-            self.count(resumed);
-            let (pass, done) = (Pass::Final, done + 1);
-            on_event(Event::DepthMap { name, pass, done, total, resumed, time: begin.elapsed() });
-        }
-        self.job.output.remove_photometric()
-    }
-
-    /// The geometric pass of one view. The outer error is one of writing.
-    fn refine_again(&mut self, view: usize) -> Result<Result<(), VamvsError>, VamvsError> {
-        let (Ok(plan), Some(refinement)) = (&self.job.plan.views[view], &mut self.refinement) else {
-            return Ok(Ok(()));
-        };
-        let refined = match refinement.refine_again(view, &plan.sources, (&self.first, &self.names)) {
-            Ok(refined) => refined,
-            Err(error) => return Ok(Err(error)),
-        };
-        let MadeMap { map, colour, normals } = refined_map(refined);
-        let first = |view: usize| self.first.saved(&self.names[view]).map(|record| record.made_of);
-        let made_of = self.made_again_of(view, plan, first);
-        let record = Record { made_of, ..self.record(view, &self.usable(plan)) };
-        let begin = Instant::now();
-        let saved =
-            SavedMap { map: &map, range: plan.planes.range, colour: &colour, normals: normals.as_ref() };
-        self.job.output.save(&self.names[view], &saved, &record)?;
-        self.summary.writing += begin.elapsed();
-        Ok(Ok(()))
     }
 
     /// Writes `pair.txt` of the views that have a depth map, and which have none. That none has one is an error.
@@ -584,81 +503,6 @@ impl Run<'_> {
 fn refined_map((refined, photo): (Refined, Rc<Photo>)) -> MadeMap {
     let normals = Some(refined.normals_in_world());
     MadeMap { colour: image::resize(&photo.image, refined.map.depth.size()), normals, map: refined.map }
-}
-
-/// Leaves no depth where the mask of the photograph says not to look.
-fn remove_masked(map: &mut DepthMap, mask: &Grid<bool>, scale: usize) {
-    let size = map.depth.size();
-    let mask = covered(mask, size, scale).resized_nearest(size);
-    let pixels = map.depth.data_mut().iter_mut().zip(mask.data());
-    pixels.filter(|(_, counts)| !**counts).for_each(|(depth, _)| *depth = 0.0);
-}
-
-/// The part of a photograph that a depth map of `size` at 1/scale covers: sides that are no multiple of the scale
-/// lose their last pixels.
-fn covered<T: Clone>(image: &Grid<T>, size: Size, scale: usize) -> Grid<T> {
-    let covered = Size::new(size.width * scale, size.height * scale);
-    Grid::from_fn(covered, |x, y| image[(x, y)].clone())
-}
-
-/// A region of an image of size `from`, in the image of size `to`: photographs may come smaller than
-/// their cameras say.
-fn rescaled(region: PixelBox, from: Size, to: Size) -> PixelBox {
-    let low = |at: usize, from: usize, to: usize| at * to / from;
-    let high = |at: usize, from: usize, to: usize| (at * to).div_ceil(from);
-    PixelBox {
-        x0: low(region.x0, from.width, to.width),
-        y0: low(region.y0, from.height, to.height),
-        x1: high(region.x1, from.width, to.width),
-        y1: high(region.y1, from.height, to.height),
-    }
-}
-
-/// The part of the region, or of the whole photograph, that its mask leaves: nothing else is looked at.
-fn unmasked(region: Option<PixelBox>, photo: &Photo) -> Option<PixelBox> {
-    let Some(left) = photo.mask.as_ref().and_then(PixelBox::around) else { return region };
-    let Size { width, height } = photo.camera.size;
-    let whole = PixelBox { x0: 0, y0: 0, x1: width, y1: height };
-    let region = region.unwrap_or(whole);
-    let common = region.common(left).unwrap_or(region);
-    (common != whole).then_some(common)
-}
-
-/// The region with a margin, inside the image.
-fn widened(region: PixelBox, size: Size) -> PixelBox {
-    PixelBox {
-        x0: region.x0.saturating_sub(REGION_MARGIN),
-        y0: region.y0.saturating_sub(REGION_MARGIN),
-        x1: (region.x1 + REGION_MARGIN).min(size.width),
-        y1: (region.y1 + REGION_MARGIN).min(size.height),
-    }
-}
-
-/// The map of a part of the image, at its place in a map of the whole, without depth outside of
-/// `region`.
-fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBox) -> DepthMap {
-    let scale = part.scale_in(&camera);
-    let size = Size::new(camera.size.width / scale, camera.size.height / scale);
-    let ratio = 1.0 / scale as f64;
-    let inside = |x: usize, y: usize| {
-        let centre = |at: usize| at * scale + scale / 2;
-        (region.x0..region.x1).contains(&centre(x)) && (region.y0..region.y1).contains(&centre(y))
-    };
-    let paste = |values: &Grid<f32>| {
-        Grid::from_fn(size, |x, y| {
-            let local = |at: usize, first: usize| at.checked_sub(first / scale);
-            let (x_in_part, y_in_part) = (local(x, place.x0), local(y, place.y0));
-            let value = x_in_part.zip(y_in_part).and_then(|(x, y)| values.get(x, y).copied());
-            value.filter(|_| inside(x, y)).unwrap_or(0.0)
-        })
-    };
-    DepthMap {
-        camera: Pinhole { size, intrinsics: camera.intrinsics.scaled(ratio, ratio) },
-        cam_from_world: part.cam_from_world,
-        depth: paste(&part.depth),
-        confidence: paste(&part.confidence),
-        coarse_confidence: part.coarse_confidence.as_ref().map(paste),
-    }
 }
 
 fn warn_of_range_ends(name: &str, map: &DepthMap, planes: &Planes, on_event: &mut dyn FnMut(Event)) {
