@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 use vamvs_core::{DepthMap, Photo, Pose};
 use vamvs_refine::{RefineOptions, Refined, Surface, refine_geometric};
 
+use crate::output::LoadedMap;
 use crate::{OutputFolder, VamvsError};
 
 /// Refines the depth map that `first` has of the view `name` with those that it has of the source views; a source view
@@ -20,14 +21,14 @@ pub(crate) fn refined(
     sources: &[(&str, Rc<Photo>)],
     options: &RefineOptions,
 ) -> Result<Refined, VamvsError> {
-    let (map, normals) = first.load(name)?;
+    let LoadedMap { map, normals } = first.load(name)?;
     let normals = normals.ok_or_else(|| {
         let problem = "is missing; remove the folder and run again".to_owned();
         VamvsError::Folder { path: first.normals(name), problem }
     })?;
     let normals = normals.map(|normal| in_camera(normal, &map.cam_from_world));
     let maps: Vec<Option<DepthMap>> =
-        sources.iter().map(|(name, _)| first.load(name).ok().map(|(map, _)| map)).collect();
+        sources.iter().map(|(name, _)| first.load(name).ok().map(|loaded| loaded.map)).collect();
     let maps: Vec<Option<&DepthMap>> = maps.iter().map(Option::as_ref).collect();
     let photos: Vec<&Photo> = sources.iter().map(|(_, photo)| photo.as_ref()).collect();
     Ok(refine_geometric(reference, &photos, &Surface { map: &map, normals: &normals }, &maps, options)?)

@@ -56,6 +56,15 @@ pub struct SavedMap<'a> {
     pub normals: Option<&'a Grid<[f32; 3]>>,
 }
 
+/// A depth map as it was saved.
+#[derive(Clone, Debug)]
+pub struct LoadedMap {
+    /// The depth map.
+    pub map: DepthMap,
+    /// Unit normals in the world's frame, 0 where there is no depth; `None` if there are none.
+    pub normals: Option<Grid<[f32; 3]>>,
+}
+
 impl OutputFolder {
     /// The folder `root`, which need not exist yet.
     #[must_use]
@@ -293,11 +302,11 @@ impl OutputFolder {
         read_json(&self.record(name)).ok()
     }
 
-    /// A view's depth map as it was saved, and its normals in the world, if it has some.
+    /// A view's depth map as it was saved, without the confidence of the coarse stage.
     ///
     /// # Errors
     /// If a file cannot be read.
-    pub fn load(&self, name: &str) -> Result<(DepthMap, Option<Grid<[f32; 3]>>), VamvsError> {
+    pub fn load(&self, name: &str) -> Result<LoadedMap, VamvsError> {
         let depth = pfm::read_depth(&self.depth(name))?;
         let camera = mvsnet::read_cam(&self.cam(name), &mvsnet::Options::default())?;
         let normals = self.normals(name);
@@ -309,7 +318,7 @@ impl OutputFolder {
             confidence: pfm::read(&self.confidence(name))?,
             coarse_confidence: None,
         };
-        Ok((map, normals))
+        Ok(LoadedMap { map, normals })
     }
 
     /// Whether the files of a view's depth map can be read, all of them, and are of one size.
