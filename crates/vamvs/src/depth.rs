@@ -11,7 +11,7 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Planes, Rgb, Scene, Source};
 use vamvs_io::image;
 use vamvs_net::{EncodedView, Estimator, Profile};
-use vamvs_refine::{RefineOptions, Refined};
+use vamvs_refine::Refined;
 
 use region::{covered, placed, remove_masked, rescaled, unmasked, widened};
 
@@ -93,9 +93,8 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
     let most = job.options.views + BESIDE;
     let features =
         FeatureCache::new(job.scene, job.photographs.clone(), job.estimator.network(), (capacity, most));
-    let halvings = usize::from(first_folder(job) != *job.output);
-    let options = RefineOptions { halvings, ..RefineOptions::default() };
-    let refinement = job.options.refine.then(|| Refinement::new(job.scene, job.photographs, options));
+    let has_more = first_folder(job) != *job.output;
+    let refinement = job.options.refine.then(|| Refinement::new(job.scene, job.photographs, has_more));
     let (unusable, left_out) = (BTreeMap::new(), BTreeSet::new());
     let ceiling = Ceiling::new(job.options.max_memory, for_maps);
     let (first, done) = (first_folder(job), BTreeSet::new());

@@ -3,11 +3,20 @@
 use std::rc::Rc;
 
 use nalgebra::Vector3;
-use vamvs_core::{DepthMap, Photo, Pose};
+use vamvs_core::{DepthMap, Photo, Pose, Size};
 use vamvs_refine::{RefineOptions, Refined, Surface, refine_geometric};
 
 use crate::output::LoadedMap;
 use crate::{OutputFolder, VamvsError};
+
+/// Photographs with fewer pixels on the shorter side are too small for a first pass at half their size.
+const SMALL: usize = 600;
+
+/// How a depth map is refined that will be refined once more.
+pub(crate) fn first_pass(options: &RefineOptions, photograph: Size) -> RefineOptions {
+    let halvings = usize::from(photograph.width.min(photograph.height) >= SMALL);
+    RefineOptions { halvings: options.halvings.max(halvings), ..*options }
+}
 
 /// Refines the depth map that `first` has of the view `name` with those that it has of the source views; a source view
 /// that has none is compared by its photograph alone.

@@ -19,6 +19,8 @@ pub(crate) struct Refinement<'a> {
     scene: &'a Scene,
     photographs: Photographs,
     options: RefineOptions,
+    /// Whether depth maps will be refined once more.
+    has_more: bool,
     kept: PhotoCache,
     /// Time that reading photographs took.
     pub reading: Duration,
@@ -40,11 +42,13 @@ pub(crate) struct Seed<'a> {
 
 impl<'a> Refinement<'a> {
     /// Of photographs as large as `photographs` has them before the network's reduction.
-    pub fn new(scene: &'a Scene, photographs: &Photographs, options: RefineOptions) -> Self {
+    /// `has_more`: whether they will be refined once more.
+    pub fn new(scene: &'a Scene, photographs: &Photographs, has_more: bool) -> Self {
         Self {
             scene,
             photographs: photographs.full(),
-            options,
+            options: RefineOptions::default(),
+            has_more,
             kept: PhotoCache::default(),
             reading: Duration::ZERO,
             refining: Duration::ZERO,
@@ -66,7 +70,10 @@ impl<'a> Refinement<'a> {
         let limited = seed.region.map(|region| limited(&reference, region));
         let limited = limited.as_ref().unwrap_or(&reference);
         let others: Vec<&Photo> = others.iter().map(Rc::as_ref).collect();
-        let refined = refine(limited, &others, seed.map, seed.visibility, &self.options)?;
+        let options = self.options;
+        let options =
+            if self.has_more { geometric::first_pass(&options, reference.image.size()) } else { options };
+        let refined = refine(limited, &others, seed.map, seed.visibility, &options)?;
         self.refining += begin.elapsed();
         Ok((refined, reference))
     }

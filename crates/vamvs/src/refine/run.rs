@@ -9,14 +9,14 @@ use vamvs_core::depth_map::is_valid;
 use vamvs_core::{DepthMap, DepthRange, Photo, Source};
 
 use super::cache::PhotoCache;
-use super::{RefineJob, RefineOptions, RefineSummary, Refined, refine_view};
+use super::{RefineJob, RefineSummary, Refined, refine_view};
 use crate::output::{LeftOut, Record, SavedMap, names};
 use vamvs_io::image;
 
 use crate::{Event, OutputFolder, Pass, VamvsError, geometric};
 
 /// Changes whenever the same inputs give other depth maps.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// What became of a view.
 enum Outcome {
@@ -178,8 +178,10 @@ impl<'a> Run<'a> {
             self.sources[map].clone().into_iter().filter_map(|source| self.photo(source).ok()).collect();
         let sources: Vec<&Photo> = sources.iter().map(Rc::as_ref).collect();
         let begin = Instant::now();
-        let halvings = self.job.options.halvings.max(usize::from(self.job.geometric));
-        let options = RefineOptions { halvings, ..*self.job.options };
+        let options = *self.job.options;
+        let has_more = self.job.geometric;
+        let options =
+            if has_more { geometric::first_pass(&options, reference.image.size()) } else { options };
         let refined = refine_view(&reference, &sources, &seed, &[], &options)?;
         self.summary.photometric += begin.elapsed();
         Ok(refined)
