@@ -14,7 +14,6 @@ mod step;
 mod stress;
 mod vamvs;
 
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -46,11 +45,4 @@ fn main() -> ExitCode {
         eprintln!("error: {error:#}");
     }
     ExitCode::from(u8::from(done.is_err()))
-}
-
-/// The repository's root folder.
-fn root() -> PathBuf {
-    let mut root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
-    root.pop();
-    root
 }

@@ -14,12 +14,12 @@ mod test;
 mod unpack;
 
 use std::ffi::OsString;
-use std::path::PathBuf;
 use std::process::{self, ExitCode};
 
 use clap::Parser;
 
 use check::Check;
+use step::root;
 
 /// Set-up, tests and demonstrations of the repository.
 #[derive(Parser)]
@@ -63,13 +63,6 @@ fn main() -> ExitCode {
         eprintln!("error: {error:#}");
     }
     ExitCode::from(u8::from(done.is_err()))
-}
-
-/// The repository's root folder.
-fn root() -> PathBuf {
-    let mut root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
-    root.pop();
-    root
 }
 
 /// The Cargo that runs this program, in the repository's root.

@@ -1,5 +1,6 @@
-//! A named command that must succeed.
+//! A named command that must succeed, and where the repository is.
 
+use std::path::PathBuf;
 use std::process::Command;
 use std::time::Instant;
 
@@ -13,4 +14,11 @@ pub fn run(name: &str, command: &mut Command) -> Result<()> {
     ensure!(status.success(), "{name} failed ({status})");
     println!("── {name}: {:.0} s", start.elapsed().as_secs_f64());
     Ok(())
+}
+
+/// The repository's root folder.
+pub fn root() -> PathBuf {
+    let mut root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    root.pop();
+    root
 }

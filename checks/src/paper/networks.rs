@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use serde::Deserialize;
 
 use super::{HELD_OUT, Lab, TRAINING, text};
-use crate::step::run;
+use crate::step::{root, run};
 use crate::vamvs;
 
 /// All hidden layers have the paper's channels divided by this.
@@ -135,7 +135,7 @@ impl Lab<'_> {
         if !file.is_file() {
             let mut python = Command::new(&self.arguments.python);
             python.arg("models/export.py").arg(variant.aggregation).arg(&file).args(["--thin", THIN]);
-            let export = python.args(variant.export).current_dir(crate::root());
+            let export = python.args(variant.export).current_dir(root());
             run(&format!("export: {}", variant.name), export).context(
                 "models/export.py needs torch: pip install torch==2.11.0, or name another --python",
             )?;

@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
+use crate::vamvs;
 use case::Case;
 use process::{Ended, Program};
 use scene::Scene;
@@ -62,7 +63,7 @@ struct Round<'a> {
 
 impl Soak {
     pub fn run(&self) -> Result<()> {
-        let program = Program::new(self.vamvs.clone().map_or_else(release_build, Ok)?)?;
+        let program = Program::new(self.vamvs.clone().map_or_else(vamvs::binary, Ok)?)?;
         fs::create_dir_all(&self.folder).with_context(|| self.folder.display().to_string())?;
         let end = Instant::now() + Duration::from_secs_f64(3600.0 * self.hours);
         let (mut done, mut failed) = (0, Vec::new());
@@ -156,13 +157,6 @@ impl<'a> Round<'a> {
             self.findings.push(finding());
         }
     }
-}
-
-/// The release build, beside the build that this program is of.
-fn release_build() -> Result<PathBuf> {
-    let this = std::env::current_exe().context("where is this program?")?;
-    let target = this.ancestors().nth(2).context("this program is not in a target folder")?;
-    Ok(target.join("release").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX)))
 }
 
 fn remove(folder: &Path) -> Result<()> {

@@ -3,6 +3,8 @@
 #[cfg(feature = "net")]
 mod calibrate;
 mod eval;
+mod fusion;
+mod input;
 mod refine;
 mod synth;
 #[cfg(feature = "net")]
@@ -11,9 +13,7 @@ mod train;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use serde::{Deserialize, Serialize};
 use vamvs::MemoryLimit;
-use vamvs::fusion::PointSpacing;
 
 #[cfg(feature = "net")]
 pub use calibrate::CalibrateArguments;
@@ -23,6 +23,8 @@ pub use eval::{
     CloudPreset, DepthThresholdFlags, DtuFlags, EvalArguments, EvalCloudArguments, EvalCommand,
     EvalDepthArguments, EvalGeneralFlags, EvalSceneArguments, TntFlags,
 };
+pub use fusion::{Consistency, FusionFlags, Preset};
+pub use input::{DepthLine, InputFlags, PixelCentre};
 pub use refine::RefineArguments;
 pub use synth::{AssetFlags, SynthArguments};
 #[cfg(feature = "net")]
@@ -239,73 +241,6 @@ pub struct InfoArguments {
     pub json: bool,
 }
 
-/// Where the scene is.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Input")]
-pub struct InputFlags {
-    /// MVSNet layout: folder of NAME_cam.txt files.
-    #[arg(long, value_name = "DIR", group = "scene")]
-    pub cams: Option<PathBuf>,
-    /// COLMAP model: folder with cameras, images and points3D, .txt or .bin.
-    #[arg(long, value_name = "DIR", group = "scene")]
-    pub colmap: Option<PathBuf>,
-    /// nerfstudio or instant-ngp: transforms.json, or its folder.
-    #[arg(long, value_name = "FILE", group = "scene")]
-    pub nerfstudio: Option<PathBuf>,
-    /// Bundler: bundle.out, with list.txt beside it or above.
-    #[arg(long, value_name = "FILE", group = "scene")]
-    pub bundler: Option<PathBuf>,
-    /// VisualSFM: an .nvm file.
-    #[arg(long, value_name = "FILE", group = "scene")]
-    pub nvm: Option<PathBuf>,
-    /// OpenMVS: an interface file .mvs of undistorted images.
-    #[arg(long, value_name = "FILE", group = "scene")]
-    pub openmvs: Option<PathBuf>,
-    /// Folder of photographs [default: where the scene's file says; needed for --cams and --colmap].
-    #[arg(long, value_name = "DIR")]
-    pub images: Option<PathBuf>,
-    /// MVSNet layout: source views [default: pair.txt in or beside --cams; else chosen from the cameras].
-    #[arg(long, value_name = "FILE")]
-    pub pairs: Option<PathBuf>,
-    /// Folder of masks: NAME.png or NAME.EXT.png, 0 = ignore [default: those that the scene's file tells,
-    /// else masks/ beside the photographs].
-    #[arg(long, value_name = "DIR")]
-    pub masks: Option<PathBuf>,
-    /// Use no masks but the photographs' own alpha channels.
-    #[arg(long, conflicts_with = "masks")]
-    pub no_masks: bool,
-    /// MVSNet layout: what the first two numbers of the depth line are [default: auto].
-    #[arg(long, value_enum)]
-    pub depth_line: Option<DepthLine>,
-    /// MVSNet layout: where the principal point is counted from [default: half].
-    #[arg(long, value_enum)]
-    pub pixel_centre: Option<PixelCentre>,
-}
-
-/// The depth line of MVSNet's camera files.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DepthLine {
-    /// By the number of words.
-    #[default]
-    Auto,
-    /// `min interval …`.
-    MinInterval,
-    /// `min max …`.
-    MinMax,
-}
-
-/// Where the centre of the first pixel is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PixelCentre {
-    /// At (0.5, 0.5), as in COLMAP and MVSNet.
-    #[default]
-    Half,
-    /// At (0, 0), as in OpenCV.
-    Integer,
-}
-
 /// What is uniform between planes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Spacing {
@@ -386,67 +321,6 @@ pub struct DepthFlags {
     pub fovea: bool,
 }
 
-/// How depth maps are filtered.
-#[derive(Debug, Args)]
-#[command(next_help_heading = "Fusion")]
-pub struct FusionFlags {
-    /// A set of thresholds; other flags change them.
-    #[arg(long, value_enum)]
-    pub preset: Option<Preset>,
-    /// How it is decided whether other views confirm a point [default: dynamic].
-    #[arg(long, value_enum, value_name = "RULE")]
-    pub consistency: Option<Consistency>,
-    /// Views that must agree on a point, its own included [default: dynamic 2, classic 3].
-    #[arg(long, value_name = "N")]
-    pub min_views: Option<usize>,
-    /// dynamic: what the votes for a point times the number of voters must come to; a vote is at most 1 [default: 0.6].
-    #[arg(long, value_name = "VOTES")]
-    pub min_support: Option<f32>,
-    /// dynamic: what a view that sees through a point takes away from its votes; 0 for nothing
-    /// [default: 0.25].
-    #[arg(long, value_name = "VOTES")]
-    pub contradiction: Option<f32>,
-    /// How far a pixel may come back from itself by way of another view, pixels of the depth map [default: 1].
-    #[arg(long, value_name = "PIXELS")]
-    pub max_reprojection: Option<f32>,
-    /// How much the depth that comes back may differ, as a share [default: 0.01].
-    #[arg(long, value_name = "SHARE")]
-    pub max_relative_depth: Option<f32>,
-    /// Least confidence of the final depth, 0 to 1 [default: 0.1].
-    #[arg(long, value_name = "SHARE")]
-    pub confidence: Option<f32>,
-    /// Least confidence of the coarse depth, 0 to 1 [default: 0.2].
-    #[arg(long, value_name = "SHARE")]
-    pub coarse_confidence: Option<f32>,
-    /// Other views asked whether they agree with a view's depth [default: 10].
-    #[arg(long, value_name = "N")]
-    pub neighbours: Option<usize>,
-    /// How far apart points are at least: a distance in scene units, or pixels as in 2px [default: every place once, as
-    /// dense as the view that sees it in most detail].
-    #[arg(long, value_name = "DISTANCE|PIXELSpx", value_parser = point_spacing)]
-    pub point_spacing: Option<PointSpacing>,
-}
-
-/// Reads a `--point-spacing`.
-fn point_spacing(text: &str) -> Result<PointSpacing, String> {
-    let expected = "expected a positive distance in scene units, such as 0.01, or pixels, such as 2px";
-    let pixels = text.strip_suffix("px");
-    let number: f64 = pixels.unwrap_or(text).trim().parse().map_err(|_| expected.to_owned())?;
-    if !(number > 0.0 && number.is_finite()) {
-        return Err(expected.to_owned());
-    }
-    Ok(if pixels.is_some() { PointSpacing::Pixels(number) } else { PointSpacing::Units(number) })
-}
-
-/// How it is decided whether other views confirm a point.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Consistency {
-    /// Views vote: the closer they agree, the larger the angle, the surer they are, the more a vote counts.
-    Dynamic,
-    /// Views are counted: --min-views of them within --max-reprojection and --max-relative-depth.
-    Classic,
-}
-
 /// What other programs get, beside the cloud.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Export")]
@@ -483,15 +357,6 @@ pub enum DepthFormat {
     Exr,
     /// NumPy, 32 bits.
     Npy,
-}
-
-/// Sets of thresholds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Preset {
-    /// Relative thresholds that fit any scene.
-    Default,
-    /// The paper's values for DTU.
-    Dtu,
 }
 
 /// What every command has.

@@ -109,4 +109,22 @@ mod tests {
         assert!(geometry.seen(60.5, 20.5, 0.25).unwrap().way < 1e-4);
         assert_eq!(geometry.seen(20.5, 20.5, 0.25), None, "left of the source's image");
     }
+
+    #[test]
+    fn depth_between_pixels_is_interpolated_on_a_surface_and_not_over_an_edge() {
+        let at_x = |x: usize| if x < 40 { 0.25 + 1e-4 * x as f32 } else { 0.5 };
+        let map = DepthMap {
+            camera: CAMERA,
+            cam_from_world: at(0.0),
+            depth: Grid::from_fn(CAMERA.size, |x, _| 1.0 / at_x(x)),
+            confidence: Grid::filled(CAMERA.size, 1.0),
+            coarse_confidence: None,
+        };
+        let geometry = Geometry::new(&map, (&CAMERA, &at(0.0)));
+        let w = geometry.at(20.75, 30.2).unwrap();
+        assert!((w - (0.25 + 1e-4 * 20.25)).abs() < 1e-6, "{w}");
+        assert_eq!(geometry.at(39.9, 30.2), geometry.at(39.5, 30.5), "the pixel's own");
+        assert!(geometry.at(40.1, 30.2).unwrap() > 0.49);
+        assert_eq!(geometry.at(80.5, 30.2), None);
+    }
 }

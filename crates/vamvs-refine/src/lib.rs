@@ -114,12 +114,13 @@ pub fn refine(
         (guess.trusted(), confidence::UNMATCHED * guess.confidence.max(0.0))
     };
     let field = finished(&field, &matcher);
-    let camera = source::reduced(&reference.camera, options.halvings);
+    let camera = source::reduced(&reference.camera, solve::last_level(options));
     Ok(refined::refined((camera, reference.cam_from_world), &field, &matcher, seed))
 }
 
-/// Refines once more, to the size of the photograph, what [`refine`] gave at this or half of this size, with the depth maps that it gave for the source views (`None` where one has
-/// none): a plane then also costs where the sources' own surfaces are not met.
+/// Refines once more, to the size of the photograph, what [`refine`] gave at this or half of this size, with the depth
+/// maps that it gave for the source views (`None` where one has none): a plane then also costs where the sources' own
+/// surfaces are not met.
 ///
 /// # Errors
 /// If there is no source, or sizes or counts do not fit together.

@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct RefineOptions {
-    /// How often the photograph's size is halved for the result of [`crate::refine`]: 1 does for a first pass.
+    /// How often the photograph's size is halved for the result of [`crate::refine`], 2 times at most: 1 does for a
+    /// first pass.
     pub halvings: usize,
     /// How many source views, those that match best, a pixel's correlation is the mean of.
     pub views: usize,

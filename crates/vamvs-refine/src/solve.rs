@@ -9,7 +9,7 @@ use crate::plane::Plane;
 use crate::seed::{Guess, Seed};
 use crate::source::{Source, reduced};
 use crate::sweep::{Sweep, consider, sweep};
-use crate::{Isa, Problem};
+use crate::{Isa, Problem, RefineOptions};
 
 /// Halvings of the photograph at which the search begins.
 const MOST_LEVELS: usize = 2;
@@ -36,7 +36,7 @@ pub(crate) fn matcher<'a>(problem: &Problem<'a>, level: usize) -> Matcher<'a> {
 
 /// Planes at the resolution that is wanted, and what the seed said, at the resolution where the search began.
 pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<Guess>, Matcher<'a>) {
-    let last = problem.options.halvings.min(MOST_LEVELS);
+    let last = last_level(problem.options);
     let first = first_level(&problem.reference.camera, seed).max(last);
     let matcher = self::matcher(problem, first);
     let guesses = Seed::new(seed).guesses(&matcher.image, &reduced(&problem.reference.camera, first));
@@ -53,6 +53,11 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
         sweep(&mut field, &matcher, |x, y| parent(&coarse, x, y).0.w, Sweep { steps: 1, settled: false });
     }
     (field, guesses, matcher)
+}
+
+/// At which halving the search ends.
+pub(crate) fn last_level(options: &RefineOptions) -> usize {
+    options.halvings.min(MOST_LEVELS)
 }
 
 /// At which halving the search begins: where the seed's pixels are one to two pixels wide, but not at full size.

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{HERE, Set, disparity, median, render, seed, sources};
+use common::{HERE, Set, disparity, enlarged, median, render, seed, sources};
 use nalgebra::Vector3;
 use vamvs_core::{DepthMap, Grid};
 use vamvs_refine::{RefineOptions, Refined, refine, refine_geometric};
@@ -76,6 +76,22 @@ fn the_neighbours_depth_maps_bring_outliers_back() {
     assert!(median(after) < 0.05);
     let agreeing = second.features.data().iter().filter(|features| features.geometric >= 0.75).count();
     assert!(agreeing * 10 > second.features.data().len() * 8);
+}
+
+#[test]
+fn a_first_pass_at_half_the_size_leads_to_the_same_plane() {
+    let set = enlarged(common::plane, HERE, 2);
+    let options = RefineOptions { halvings: 1, ..RefineOptions::default() };
+    let first = refine(&set.photos[0], &sources(&set), &seed(&set), &[], &options).unwrap();
+    let half = set.photos[0].camera.resized(common::SIZE);
+    assert_eq!((first.map.camera, first.map.depth.size()), (half, common::SIZE));
+    let maps: Vec<DepthMap> = set.photos[1..].iter().map(|photo| true_map(&set, photo)).collect();
+    let maps: Vec<Option<&DepthMap>> = maps.iter().map(Some).collect();
+    let second = refine_geometric(&set.photos[0], &sources(&set), &first.surface(), &maps, &options).unwrap();
+    // Twice the pixels make twice the disparity.
+    let errors: Vec<f64> = errors(&set, &second.map.depth, 16).iter().map(|error| 2.0 * error).collect();
+    println!("median {:.4} px, above a pixel {:.4}", median(errors.clone()), share_above(&errors, 1.0));
+    assert!(median(errors.clone()) < 0.05 && share_above(&errors, 1.0) < 0.005);
 }
 
 /// The plane's depth in another view.

@@ -1,5 +1,6 @@
 //! Depth maps of all views, kept in the output folder.
 
+mod less_memory;
 mod region;
 mod second_pass;
 
@@ -19,7 +20,6 @@ use crate::ceiling::Ceiling;
 use crate::feature_cache::{Encoded, FeatureCache};
 use crate::fit::most_bytes;
 use crate::identity::Identity;
-use crate::memory;
 use crate::output::{LeftOut, Record, SavedMap, names};
 use crate::photographs::working_cameras;
 use crate::refinement::{BYTES_PER_PIXEL, Refinement, Seed, shares};
@@ -93,18 +93,18 @@ pub fn estimate(job: &DepthJob, on_event: &mut dyn FnMut(Event)) -> Result<Depth
     let most = job.options.views + BESIDE;
     let features =
         FeatureCache::new(job.scene, job.photographs.clone(), job.estimator.network(), (capacity, most));
-    let has_more = first_folder(job) != *job.output;
+    let (first, done) = (first_folder(job), BTreeSet::new());
+    let has_more = first != *job.output;
     let refinement = job.options.refine.then(|| Refinement::new(job.scene, job.photographs, has_more));
     let (unusable, left_out) = (BTreeMap::new(), BTreeSet::new());
     let ceiling = Ceiling::new(job.options.max_memory, for_maps);
-    let (first, done) = (first_folder(job), BTreeSet::new());
     let mut run =
         Run { job, names, identity, features, refinement, ceiling, first, done, unusable, left_out, summary };
-    if run.has_two_passes() {
+    if has_more {
         run.find_done();
     }
     run.first_pass(on_event)?;
-    if run.has_two_passes() {
+    if has_more {
         run.geometric_pass(on_event)?;
     }
     run.summary.reading += run.features.reading;
@@ -144,7 +144,14 @@ pub fn prepare(job: &DepthJob) -> Result<(), VamvsError> {
     let maps: Vec<String> = planned.flat_map(|view| map_names(job, view, &names[view])).collect();
     let maps: Vec<&str> = maps.iter().map(String::as_str).collect();
     job.output.prepare(&maps)?;
-    first_folder(job).prepare(&maps)?;
+    let first = first_folder(job);
+    if first == *job.output {
+        // A run with two passes may have been stopped here.
+        job.output.photometric().remove(&maps)?;
+    } else {
+        first.expect_apart([job.photographs.folder()])?;
+        first.prepare(&maps)?;
+    }
     job.output.forget_views()
 }
 
@@ -208,7 +215,7 @@ impl Run<'_> {
         let needed = self.needed();
         let plans = self.job.plan.views.iter().enumerate().filter(|(view, _)| needed.contains(view));
         let total = plans.clone().filter(|(_, plan)| plan.is_ok()).count();
-        let pass = if self.has_two_passes() { Pass::Photometric } else { Pass::Final };
+        let pass = if self.first == *self.job.output { Pass::Final } else { Pass::Photometric };
         let mut done = 0;
         for (view, plan) in plans {
             let name = self.job.scene.views[view].name.clone();
@@ -378,59 +385,6 @@ impl Run<'_> {
             }
         }
         Ok(Made { maps, record: self.record(view, &self.usable(plan)) })
-    }
-
-    /// Gives memory back and then drops what is kept, where the next depth map would not fit beneath the ceiling.
-    fn stay_below_ceiling(&mut self, on_event: &mut dyn FnMut(Event)) {
-        if self.ceiling.has_room() {
-            return;
-        }
-        memory::give_back();
-        if self.ceiling.has_room() {
-            return;
-        }
-        self.features.clear();
-        self.refinement.iter_mut().for_each(Refinement::clear);
-        memory::give_back();
-        if let Some(warning) = self.ceiling.warning() {
-            on_event(Event::Warning(warning));
-        }
-    }
-
-    /// Makes one depth map without features of other views in memory, or if that does not suffice, a smaller one.
-    fn make_with_less(
-        &mut self,
-        view: usize,
-        plan: &ViewPlan,
-        profile: &mut Profile,
-        on_event: &mut dyn FnMut(Event),
-    ) -> Result<Made, VamvsError> {
-        self.features.clear();
-        match self.make(view, plan, profile, on_event) {
-            Err(error) if error.is_out_of_memory() => self.make_smaller(view, plan, profile, on_event),
-            made => made,
-        }
-    }
-
-    /// Makes one depth map of photographs of half the size, which take a quarter of the memory.
-    fn make_smaller(
-        &mut self,
-        view: usize,
-        plan: &ViewPlan,
-        profile: &mut Profile,
-        on_event: &mut dyn FnMut(Event),
-    ) -> Result<Made, VamvsError> {
-        let planned = self.job.plan.cameras[view].size;
-        let half = self.features.photographs.max_size().min(planned.width.max(planned.height)) / 2;
-        let name = &self.job.scene.views[view].name;
-        on_event(Event::Warning(format!("{name}: memory does not suffice; tried again at {half} pixels")));
-        self.features.clear();
-        let (scene, network) = (self.job.scene, self.job.estimator.network());
-        let smaller = FeatureCache::new(scene, self.job.photographs.reduced_to(half), network, (0, 1));
-        let whole = std::mem::replace(&mut self.features, smaller);
-        let made = self.make(view, plan, profile, on_event);
-        self.features = whole;
-        made
     }
 
     /// A photograph's features. What cannot be read is not tried twice.

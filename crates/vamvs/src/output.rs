@@ -85,20 +85,6 @@ impl OutputFolder {
         Self { root: self.root.join("photometric") }
     }
 
-    /// Removes [`OutputFolder::photometric`].
-    ///
-    /// # Errors
-    /// If it cannot be removed.
-    pub fn remove_photometric(&self) -> Result<(), VamvsError> {
-        let path = self.photometric().root;
-        match std::fs::remove_dir_all(&path) {
-            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                Err(IoError::System { action: "remove", path, source }.into())
-            }
-            _ => Ok(()),
-        }
-    }
-
     /// `cams/`.
     #[must_use]
     pub fn cams(&self) -> PathBuf {
@@ -290,6 +276,19 @@ impl OutputFolder {
             .iter()
             .chain(&[self.coarse_confidence(name), self.normals(name)])
             .try_for_each(|file| remove(file))
+    }
+
+    /// Removes the depth maps of these names, and the folders that are empty then.
+    ///
+    /// # Errors
+    /// If a file cannot be removed.
+    pub fn remove(&self, names: &[&str]) -> Result<(), VamvsError> {
+        names.iter().try_for_each(|name| self.discard(name))?;
+        for folder in ["cams", "images", "depths", "confidence", "normals", "."] {
+            // One that holds something else stays.
+            std::fs::remove_dir(self.root.join(folder)).ok();
+        }
+        Ok(())
     }
 
     /// The record of a view's depth map, if there is a complete one.

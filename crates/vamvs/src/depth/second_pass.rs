@@ -8,10 +8,6 @@ use crate::output::{LeftOut, Record, SavedMap};
 use crate::{Event, Pass, VamvsError, ViewPlan, memory};
 
 impl Run<'_> {
-    pub(super) fn has_two_passes(&self) -> bool {
-        self.first != *self.job.output
-    }
-
     /// Finds the views whose depth maps are there, made of the same as they would be now.
     pub(super) fn find_done(&mut self) {
         for (view, plan) in self.job.plan.views.iter().enumerate() {
@@ -51,9 +47,10 @@ impl Run<'_> {
     pub(super) fn geometric_pass(&mut self, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
         self.features.clear();
         memory::give_back();
-        let views = || (0..self.names.len()).filter(|view| self.job.plan.views[*view].is_ok());
-        let (total, views): (usize, Vec<usize>) = (views().count(), views().collect());
-        for (done, view) in views.into_iter().enumerate() {
+        let planned = (0..self.names.len()).filter(|&view| self.job.plan.views[view].is_ok());
+        let views: Vec<usize> = planned.collect();
+        let total = views.len();
+        for (done, &view) in views.iter().enumerate() {
             if self.left_out.contains(&view) {
                 continue;
             }
@@ -67,7 +64,8 @@ impl Run<'_> {
             let (pass, done) = (Pass::Final, done + 1);
             on_event(Event::DepthMap { name, pass, done, total, resumed, time: begin.elapsed() });
         }
-        self.job.output.remove_photometric()
+        let names: Vec<&str> = views.iter().map(|&view| self.names[view].as_str()).collect();
+        self.first.remove(&names)
     }
 
     /// The geometric pass of one view. The outer error is one of writing.

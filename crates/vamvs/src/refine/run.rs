@@ -33,8 +33,8 @@ pub(super) struct Run<'a> {
     photos: PhotoCache,
     /// Where depth maps without geometric pass are until all are done.
     first: OutputFolder,
-    /// Depth maps that were made there now.
-    made: HashSet<usize>,
+    /// Depth maps that are known to be there.
+    has_first: HashSet<usize>,
     hashes: HashMap<usize, blake3::Hash>,
     summary: RefineSummary,
 }
@@ -53,7 +53,7 @@ impl<'a> Run<'a> {
             sources,
             photos: PhotoCache::new(2 * job.views),
             first: job.output.photometric(),
-            made: HashSet::new(),
+            has_first: HashSet::new(),
             hashes: HashMap::new(),
             summary: RefineSummary::default(),
         }
@@ -65,6 +65,8 @@ impl<'a> Run<'a> {
         self.job.output.expect_apart([self.job.maps.root().join("images").as_path()])?;
         self.job.output.prepare(&names)?;
         if self.job.geometric {
+            self.first.expect_apart([self.job.photographs.folder()])?;
+            self.first.expect_apart([self.job.maps.root().join("images").as_path()])?;
             self.first.prepare(&names)?;
         }
         self.job.output.forget_views()?;
@@ -81,7 +83,7 @@ impl<'a> Run<'a> {
                 Err(error) => self.leave_out(name, error.in_full(), on_event)?,
             }
         }
-        self.job.output.remove_photometric()?;
+        self.first.remove(&names)?;
         self.finish(&names)
     }
 
@@ -157,14 +159,16 @@ impl<'a> Run<'a> {
 
     /// Sees to it that the depth map of the photographs alone is in its folder.
     fn ensure_first(&mut self, map: usize) -> Result<(), VamvsError> {
-        let record = self.record(map, false)?;
-        let folder = self.first.clone();
-        if self.made.contains(&map) || self.is_there(&folder, map, &record) {
+        if self.has_first.contains(&map) {
             return Ok(());
         }
-        let refined = self.refined(map)?;
-        self.save(&folder, map, &refined, &record)??;
-        self.made.insert(map);
+        let record = self.record(map, false)?;
+        let folder = self.first.clone();
+        if !self.is_there(&folder, map, &record) {
+            let refined = self.refined(map)?;
+            self.save(&folder, map, &refined, &record)??;
+        }
+        self.has_first.insert(map);
         Ok(())
     }
 

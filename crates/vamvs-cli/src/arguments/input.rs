@@ -1,0 +1,73 @@
+//! The flags that say where the scene is.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde::{Deserialize, Serialize};
+
+/// Where the scene is.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Input")]
+pub struct InputFlags {
+    /// MVSNet layout: folder of NAME_cam.txt files.
+    #[arg(long, value_name = "DIR", group = "scene")]
+    pub cams: Option<PathBuf>,
+    /// COLMAP model: folder with cameras, images and points3D, .txt or .bin.
+    #[arg(long, value_name = "DIR", group = "scene")]
+    pub colmap: Option<PathBuf>,
+    /// nerfstudio or instant-ngp: transforms.json, or its folder.
+    #[arg(long, value_name = "FILE", group = "scene")]
+    pub nerfstudio: Option<PathBuf>,
+    /// Bundler: bundle.out, with list.txt beside it or above.
+    #[arg(long, value_name = "FILE", group = "scene")]
+    pub bundler: Option<PathBuf>,
+    /// VisualSFM: an .nvm file.
+    #[arg(long, value_name = "FILE", group = "scene")]
+    pub nvm: Option<PathBuf>,
+    /// OpenMVS: an interface file .mvs of undistorted images.
+    #[arg(long, value_name = "FILE", group = "scene")]
+    pub openmvs: Option<PathBuf>,
+    /// Folder of photographs [default: where the scene's file says; needed for --cams and --colmap].
+    #[arg(long, value_name = "DIR")]
+    pub images: Option<PathBuf>,
+    /// MVSNet layout: source views [default: pair.txt in or beside --cams; else chosen from the cameras].
+    #[arg(long, value_name = "FILE")]
+    pub pairs: Option<PathBuf>,
+    /// Folder of masks: NAME.png or NAME.EXT.png, 0 = ignore [default: those that the scene's file tells,
+    /// else masks/ beside the photographs].
+    #[arg(long, value_name = "DIR")]
+    pub masks: Option<PathBuf>,
+    /// Use no masks but the photographs' own alpha channels.
+    #[arg(long, conflicts_with = "masks")]
+    pub no_masks: bool,
+    /// MVSNet layout: what the first two numbers of the depth line are [default: auto].
+    #[arg(long, value_enum)]
+    pub depth_line: Option<DepthLine>,
+    /// MVSNet layout: where the principal point is counted from [default: half].
+    #[arg(long, value_enum)]
+    pub pixel_centre: Option<PixelCentre>,
+}
+
+/// The depth line of MVSNet's camera files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DepthLine {
+    /// By the number of words.
+    #[default]
+    Auto,
+    /// `min interval …`.
+    MinInterval,
+    /// `min max …`.
+    MinMax,
+}
+
+/// Where the centre of the first pixel is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PixelCentre {
+    /// At (0.5, 0.5), as in COLMAP and MVSNet.
+    #[default]
+    Half,
+    /// At (0, 0), as in OpenCV.
+    Integer,
+}
