@@ -22,11 +22,11 @@ pub(crate) fn of(features: &Features) -> f32 {
 }
 
 fn likelihood(features: &Features) -> f32 {
-    let Features { correlation, agreement, texture, moved, geometric, .. } = *features;
+    let Features { correlation, texture, moved, geometric, .. } = *features;
     let near = if moved < 0.0 { 0.0 } else { 1.0 / (1.0 + (moved / MOVED).powi(2)) };
     let known = if geometric < 0.0 { 0.0 } else { 3.0 * (geometric - 0.5) };
     let contrast = texture / (texture + TEXTURE);
-    let sum = -0.25 + 4.6 * correlation + 0.5 * agreement + 1.7 * near - 3.7 * contrast + known;
+    let sum = -0.1 + 4.8 * correlation + 1.7 * near - 3.7 * contrast + known;
     1.0 / (1.0 + (-sum).exp())
 }
 
@@ -34,14 +34,8 @@ fn likelihood(features: &Features) -> f32 {
 mod tests {
     use super::*;
 
-    const GOOD: Features = Features {
-        correlation: 0.95,
-        agreement: 1.0,
-        texture: 15.0,
-        moved: 0.5,
-        seed: 0.35,
-        geometric: -1.0,
-    };
+    const GOOD: Features =
+        Features { correlation: 0.95, texture: 15.0, moved: 0.5, seed: 0.35, geometric: -1.0 };
 
     #[test]
     fn confidence_falls_with_everything_that_speaks_against_a_depth() {

@@ -13,8 +13,8 @@ use crate::transfer::Affine;
 /// The energy of what cannot be: behind a camera, or steeper than [`STEEPEST`].
 pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
 
-/// The cost of a source view that does not see the pixel: that of no correlation.
-const UNSEEN: f32 = 1.0;
+/// The correlation with a source view that does not see the pixel.
+const UNSEEN: f32 = 0.0;
 
 /// The steepest plane, pixels of disparity a pixel.
 const STEEPEST: f32 = 1.2;
@@ -30,30 +30,51 @@ pub(crate) type Views = u16;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Judged {
     pub energy: f32,
+    /// The mean correlation of the best views.
+    pub correlation: f32,
     pub best: Views,
 }
 
-/// How well the source views match at a plane.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Match {
-    /// The mean correlation of the best views.
-    pub correlation: f32,
-    /// How many views have a correlation above one half.
-    pub agreeing: u32,
+impl Judged {
+    /// What cannot be.
+    const IMPOSSIBLE: Self = Self { energy: IMPOSSIBLE, correlation: 0.0, best: 0 };
+}
+
+/// How well one source view, or the mean over some, matches a plane.
+#[derive(Clone, Copy, Debug, Default)]
+struct Cost {
+    /// 1 − correlation, and what missing the source's own surface costs.
+    total: f32,
+    correlation: f32,
 }
 
 /// The cost of each source view.
 struct Costs {
     /// What the best are chosen by, and the cost itself.
-    values: [(f32, f32); MOST_SOURCES],
+    values: [(f32, Cost); MOST_SOURCES],
     count: usize,
+}
+
+impl std::ops::AddAssign for Cost {
+    fn add_assign(&mut self, other: Self) {
+        self.total += other.total;
+        self.correlation += other.correlation;
+    }
+}
+
+impl Cost {
+    /// The mean of `count` costs of which this is the sum.
+    fn mean(self, count: usize) -> Self {
+        let share = 1.0 / count.max(1) as f32;
+        Self { total: share * self.total, correlation: share * self.correlation }
+    }
 }
 
 impl Costs {
     /// The mean cost of the `most` best views, and which they are.
     #[inline]
-    fn mean_of_best(&self, most: usize) -> (f32, Views) {
-        let (mut sum, mut taken, most) = (0.0, 0 as Views, most.clamp(1, self.count));
+    fn mean_of_best(&self, most: usize) -> (Cost, Views) {
+        let (mut sum, mut taken, most) = (Cost::default(), 0 as Views, most.clamp(1, self.count));
         for _ in 0..most {
             let mut best = None;
             for (index, value) in self.values[..self.count].iter().enumerate() {
@@ -66,7 +87,7 @@ impl Costs {
             taken |= 1 << best;
             sum += self.values[best].1;
         }
-        (sum / most as f32, taken)
+        (sum.mean(most), taken)
     }
 }
 
@@ -82,32 +103,32 @@ impl Pixel<'_> {
     /// The energy of a plane: 1 − the mean correlation of the best views, and the cost of its distance to what was
     /// known before. `rival` is the best so far: what is hopeless against it is [`IMPOSSIBLE`].
     pub fn energy(&self, plane: &Plane, rival: Option<Judged>) -> Judged {
-        let impossible = Judged { energy: IMPOSSIBLE, best: 0 };
         if !self.is_possible(plane) {
-            return impossible;
+            return Judged::IMPOSSIBLE;
         }
         let prior = self.prior_cost(plane.w);
-        let mut costs = Costs { values: [(0.0, 0.0); MOST_SOURCES], count: self.matcher.sources.len() };
+        let nothing = (0.0, Cost::default());
+        let mut costs = Costs { values: [nothing; MOST_SOURCES], count: self.matcher.sources.len() };
         let known = rival.map_or(0, |rival| rival.best);
-        let mut sum = 0.0;
+        let mut sum = Cost::default();
         for index in indices(known) {
             costs.values[index] = self.cost(index, plane);
             sum += costs.values[index].1;
         }
-        let mean = sum / known.count_ones().max(1) as f32;
         if let Some(rival) = rival {
-            let energy = mean + prior;
+            let Cost { total, correlation } = sum.mean(known.count_ones() as usize);
+            let energy = total + prior;
             if energy < rival.energy {
-                return Judged { energy, best: known };
+                return Judged { energy, correlation, best: known };
             }
             if energy > rival.energy + HOPELESS {
-                return impossible;
+                return Judged::IMPOSSIBLE;
             }
         }
         let all = ((1_u32 << costs.count) - 1) as Views;
         indices(all & !known).for_each(|index| costs.values[index] = self.cost(index, plane));
-        let (mean, best) = costs.mean_of_best(self.matcher.options.views);
-        Judged { energy: mean + prior, best }
+        let (Cost { total, correlation }, best) = costs.mean_of_best(self.matcher.options.views);
+        Judged { energy: total + prior, correlation, best }
     }
 
     fn is_possible(&self, plane: &Plane) -> bool {
@@ -116,24 +137,14 @@ impl Pixel<'_> {
     }
 
     /// The energy of a plane as these views see it.
-    pub fn energy_in(&self, plane: &Plane, views: Views) -> f32 {
+    pub fn energy_in(&self, plane: &Plane, views: Views) -> Judged {
         if !self.is_possible(plane) || views == 0 {
-            return IMPOSSIBLE;
+            return Judged::IMPOSSIBLE;
         }
-        let sum: f32 = indices(views).map(|index| self.cost(index, plane).1).sum();
-        sum / views.count_ones() as f32 + self.prior_cost(plane.w)
-    }
-
-    /// The correlation with the source views that match best.
-    pub fn matched(&self, plane: &Plane) -> Match {
-        let mut costs = Costs { values: [(0.0, 0.0); MOST_SOURCES], count: self.matcher.sources.len() };
-        let mut agreeing = 0;
-        for index in 0..costs.count {
-            let own = 1.0 - self.correlation(index, plane).unwrap_or(0.0);
-            costs.values[index] = (own + self.handicaps[index], own);
-            agreeing += u32::from(own < 0.5);
-        }
-        Match { correlation: 1.0 - costs.mean_of_best(self.matcher.options.views).0, agreeing }
+        let mut sum = Cost::default();
+        indices(views).for_each(|index| sum += self.cost(index, plane).1);
+        let Cost { total, correlation } = sum.mean(views.count_ones() as usize);
+        Judged { energy: total + self.prior_cost(plane.w), correlation, best: views }
     }
 
     /// How many sources' own depth maps meet the plane within a pixel; `None` if there are no such maps.
@@ -164,10 +175,10 @@ impl Pixel<'_> {
 
     /// What a source is chosen by, and its cost.
     #[inline]
-    fn cost(&self, index: usize, plane: &Plane) -> (f32, f32) {
-        let photometric = self.correlation(index, plane).map_or(UNSEEN, |correlation| 1.0 - correlation);
-        let cost = photometric + self.geometric_cost(index, plane);
-        (cost + self.handicaps[index], cost)
+    fn cost(&self, index: usize, plane: &Plane) -> (f32, Cost) {
+        let correlation = self.correlation(index, plane).unwrap_or(UNSEEN);
+        let total = 1.0 - correlation + self.geometric_cost(index, plane);
+        (total + self.handicaps[index], Cost { total, correlation })
     }
 
     #[inline]
@@ -223,12 +234,13 @@ mod tests {
     fn views_are_listed_and_the_best_of_them_found() {
         assert_eq!(indices(0).count(), 0);
         assert_eq!(indices(0b1001_0000_0000_0101).collect::<Vec<_>>(), [0, 2, 12, 15]);
-        let mut values = [(9.0, 9.0); MOST_SOURCES];
-        values[..4].copy_from_slice(&[(0.5, 0.5), (0.4, 0.1), (0.2, 0.2), (0.6, 0.0)]);
+        let value = |(choice, total)| (choice, Cost { total, correlation: 1.0 - total });
+        let mut values = [value((9.0, 9.0)); MOST_SOURCES];
+        values[..4].copy_from_slice(&[(0.5, 0.5), (0.4, 0.1), (0.2, 0.2), (0.6, 0.0)].map(value));
         let costs = Costs { values, count: 4 };
         let (mean, best) = costs.mean_of_best(2);
         assert_eq!(best, 0b0110);
-        assert!((mean - 0.15).abs() < 1e-6);
+        assert!((mean.total - 0.15).abs() < 1e-6 && (mean.correlation - 0.85).abs() < 1e-6);
         assert_eq!(costs.mean_of_best(9).1, 0b1111);
     }
 }

@@ -13,6 +13,8 @@ pub(crate) struct State {
     pub plane: Plane,
     /// The plane's energy.
     pub energy: f32,
+    /// The mean correlation of the source views that match it best.
+    pub correlation: f32,
     /// The source views that match it best.
     pub best: Views,
     /// Whether the plane is the best around: small changes make it no better.
@@ -22,12 +24,18 @@ pub(crate) struct State {
 impl State {
     /// A plane that nothing is known of yet.
     pub fn unjudged(plane: Plane) -> Self {
-        Self { plane, energy: IMPOSSIBLE, best: 0, settled: false }
+        Self { plane, energy: IMPOSSIBLE, ..Self::default() }
+    }
+
+    /// A plane with what is known of it.
+    pub fn new(plane: Plane, judged: Judged, settled: bool) -> Self {
+        let Judged { energy, correlation, best } = judged;
+        Self { plane, energy, correlation, best, settled }
     }
 
     /// What another plane must surpass.
     pub fn judged(&self) -> Judged {
-        Judged { energy: self.energy, best: self.best }
+        Judged { energy: self.energy, correlation: self.correlation, best: self.best }
     }
 }
 
@@ -45,6 +53,19 @@ pub(crate) struct Colour<'a> {
     size: Size,
     stride: usize,
     states: &'a [State],
+}
+
+/// A row of both colours.
+pub(crate) struct Row<'a> {
+    y: usize,
+    colours: [&'a mut [State]; 2],
+}
+
+impl Row<'_> {
+    #[inline]
+    pub fn at_mut(&mut self, x: usize) -> &mut State {
+        &mut self.colours[(x + self.y) % 2][x / 2]
+    }
 }
 
 impl Colour<'_> {
@@ -79,17 +100,22 @@ impl Field {
         &self.colours[(x + y) % 2][y * self.stride + x / 2]
     }
 
-    /// The state of a pixel that may lie outside; `None` there, and without plane.
-    #[inline]
-    pub fn get(&self, x: i32, y: i32) -> Option<&State> {
-        let inside = (0..self.size.width as i32).contains(&x) && (0..self.size.height as i32).contains(&y);
-        let state = inside.then(|| self.at(x as usize, y as usize))?;
-        (state.plane.w > 0.0).then_some(state)
-    }
-
     #[inline]
     pub fn at_mut(&mut self, x: usize, y: usize) -> &mut State {
         &mut self.colours[(x + y) % 2][y * self.stride + x / 2]
+    }
+
+    /// Changes the states row by row in parallel; `workspace` makes what a thread works with.
+    pub fn update_rows<W>(
+        &mut self,
+        workspace: impl Fn() -> W + Sync + Send,
+        change: impl Fn(&mut W, usize, &mut Row) + Sync + Send,
+    ) {
+        let [first, second] =
+            self.colours.each_mut().map(|states| states.par_chunks_exact_mut(self.stride.max(1)));
+        first.zip(second).enumerate().for_each_init(workspace, |workspace, (y, (first, second))| {
+            change(workspace, y, &mut Row { y, colours: [first, second] });
+        });
     }
 
     /// Changes the states of one colour in parallel; `change` sees the other colour, the pixel and its state.

@@ -44,10 +44,10 @@ impl Isa {
 /// A function compiled once for each instruction set: `name(arguments, isa)` calls `inner::<N>(arguments)`, which must be
 /// `#[inline(always)]`; N is how many values the registers hold.
 macro_rules! for_each_isa {
-    ($(#[$doc:meta])* pub(crate) fn $name:ident($($argument:ident: $kind:ty),*) -> $out:ty = $inner:ident) => {
+    ($(#[$doc:meta])* $visibility:vis fn $name:ident($($argument:ident: $kind:ty),*) -> $out:ty = $inner:ident) => {
         $(#[$doc])*
         #[inline]
-        pub(crate) fn $name($($argument: $kind,)* isa: $crate::isa::Isa) -> $out {
+        $visibility fn $name($($argument: $kind,)* isa: $crate::isa::Isa) -> $out {
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,fma")]
             fn avx512($($argument: $kind),*) -> $out {

@@ -33,6 +33,7 @@ mod sweep;
 mod transfer;
 mod window;
 
+use rayon::prelude::*;
 use vamvs_core::{DepthMap, Grid, Photo, Size};
 
 pub use isa::Isa;
@@ -107,13 +108,13 @@ pub fn refine(
         return Err(RefineError::Count { what: "visibility", expected, found });
     }
     let problem = Problem { reference, sources, visibility, options };
-    let (field, guesses, matcher) = solve::solve(&problem, seed);
+    let (mut field, guesses, matcher) = solve::solve(&problem, seed);
     let ratio = (matcher.image.size.width / guesses.width().max(1)).max(1);
     let seed = |x: usize, y: usize| {
         let guess = &guesses[((x / ratio).min(guesses.width() - 1), (y / ratio).min(guesses.height() - 1))];
         (guess.trusted(), confidence::UNMATCHED * guess.confidence.max(0.0))
     };
-    let field = finished(&field, &matcher);
+    finish(&mut field, &matcher);
     let camera = source::reduced(&reference.camera, solve::last_level(options));
     Ok(refined::refined((camera, reference.cam_from_world), &field, &matcher, seed))
 }
@@ -154,7 +155,7 @@ pub fn refine_geometric(
     };
     let mut field = if is_half { solve::enlarged(&planes, &matcher) } else { judged(&planes, &matcher) };
     sweep(&mut field, &matcher, prior, Sweep { steps: 1, settled: false });
-    let field = finished(&field, &matcher);
+    finish(&mut field, &matcher);
     let ratio = if is_half { 2 } else { 1 };
     let inside = |at: usize, count: usize| (at / ratio).min(count - 1);
     let confidence =
@@ -195,15 +196,20 @@ fn check_size(what: &'static str, expected: Size, found: Size) -> Result<(), Ref
     if expected == found { Ok(()) } else { Err(RefineError::Size { what, expected, found }) }
 }
 
-/// The planes smoothed, without speckles.
-fn finished(field: &Field, matcher: &Matcher) -> Field {
-    let mut field = smooth::smoothed(field, matcher);
-    remove_speckles(&mut field, matcher);
-    field
+/// Smooths the planes and removes speckles.
+fn finish(field: &mut Field, matcher: &Matcher) {
+    let mut steps = Grid::filled(field.size(), 0.0);
+    steps.data_mut().par_chunks_exact_mut(field.size().width.max(1)).enumerate().for_each(|(y, row)| {
+        for (x, step) in row.iter_mut().enumerate() {
+            *step = matcher.step(x, y, field.at(x, y).plane.w);
+        }
+    });
+    smooth::smooth(field, &steps, matcher.isa);
+    remove_speckles(field, &steps, matcher.options.speckle);
 }
 
 /// Removes small pieces of surface: neighbouring pixels belong together if their planes meet within a pixel.
-fn remove_speckles(field: &mut Field, matcher: &Matcher) {
+fn remove_speckles(field: &mut Field, steps: &Grid<f32>, least: usize) {
     let size = field.size();
     let at = |place: usize| (place % size.width, place / size.width);
     let joined = |a: usize, b: usize| {
@@ -212,10 +218,10 @@ fn remove_speckles(field: &mut Field, matcher: &Matcher) {
         let (dx, dy) = (bx as f32 - ax as f32, by as f32 - ay as f32);
         let gap =
             (first.seen_from(dx, dy).w - second.w).abs().min((second.seen_from(-dx, -dy).w - first.w).abs());
-        gap < matcher.step(ax, ay, first.w)
+        gap < steps[(ax, ay)]
     };
     let has_depth = |place: usize| field.at(at(place).0, at(place).1).plane.w > 0.0;
-    let small = speckle::small_pieces(size, matcher.options.speckle, has_depth, joined);
+    let small = speckle::small_pieces(size, least, has_depth, joined);
     for place in small {
         let (x, y) = at(place);
         field.at_mut(x, y).plane.w = 0.0;

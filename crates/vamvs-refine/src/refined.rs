@@ -5,7 +5,6 @@ use rayon::prelude::*;
 use vamvs_core::{DepthMap, Grid, Pinhole, Pose};
 
 use crate::confidence;
-use crate::energy::Match;
 use crate::field::{Field, State};
 use crate::matcher::Matcher;
 use crate::plane::Plane;
@@ -24,10 +23,8 @@ pub struct Refined {
 /// What tells right depths from wrong ones.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Features {
-    /// Mean correlation of the source views that match best, −1 to 1; 0 without texture.
+    /// Mean correlation of the source views that match best, −1 to 1, before planes were smoothed; 0 without texture.
     pub correlation: f32,
-    /// Share of the source views whose correlation is above one half.
-    pub agreement: f32,
     /// Standard deviation of luminance in the window, grey values.
     pub texture: f32,
     /// Distance to the seed, pixels of disparity; −1 where the seed had no depth.
@@ -126,12 +123,10 @@ fn pixel(
         return None;
     }
     let pixel = matcher.pixel(x, y, plane.w, 0.0)?;
-    let Match { correlation, agreeing } = pixel.matched(&plane);
     let share = |count: f32| count / matcher.sources.len() as f32;
     let moved = if seed_w > 0.0 { (plane.w - seed_w).abs() / pixel.step } else { -1.0 };
     let features = Features {
-        correlation,
-        agreement: share(agreeing as f32),
+        correlation: state.correlation,
         texture: pixel.window.variance.sqrt(),
         moved,
         seed: seed_confidence,

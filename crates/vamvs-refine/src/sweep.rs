@@ -2,7 +2,6 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::energy::Judged;
 use crate::field::{Colour, Field, State};
 use crate::matcher::{Matcher, Pixel};
 use crate::plane::Plane;
@@ -110,9 +109,9 @@ fn same(a: &Plane, b: &Plane, step: f32) -> bool {
 #[inline]
 pub(crate) fn consider(pixel: &Pixel, plane: Plane, state: &mut State) {
     let rival = (state.best != 0).then(|| state.judged());
-    let Judged { energy, best } = pixel.energy(&plane, rival);
-    if energy < state.energy {
-        *state = State { plane, energy, best, settled: false };
+    let judged = pixel.energy(&plane, rival);
+    if judged.energy < state.energy {
+        *state = State::new(plane, judged, false);
     }
 }
 
@@ -133,10 +132,10 @@ fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
         gy: state.plane.gy + limit(step.z, LONGEST[1]),
     };
     let length = step.x.abs() + RADIUS * (step.y.abs() + step.z.abs());
-    let before = state.energy;
-    let energy = pixel.energy_in(&plane, state.best);
-    if energy < before {
-        *state = State { plane, energy, ..*state };
+    let judged = pixel.energy_in(&plane, state.best);
+    let is_better = judged.energy < state.energy;
+    if is_better {
+        *state = State::new(plane, judged, false);
     }
-    state.settled = length < NEGLIGIBLE || state.energy >= before;
+    state.settled = length < NEGLIGIBLE || !is_better;
 }

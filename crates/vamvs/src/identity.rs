@@ -10,7 +10,7 @@ use vamvs_refine::RefineOptions;
 use crate::{Photographs, ViewPlan};
 
 /// Changes whenever the same inputs give other depth maps.
-const PIPELINE_VERSION: u32 = 5;
+const PIPELINE_VERSION: u32 = 6;
 
 /// Hashes what makes each view's depth map.
 pub struct Identity<'a> {
