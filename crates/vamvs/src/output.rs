@@ -284,10 +284,9 @@ impl OutputFolder {
     /// If a file cannot be removed.
     pub fn remove(&self, names: &[&str]) -> Result<(), VamvsError> {
         names.iter().try_for_each(|name| self.discard(name))?;
-        for folder in ["cams", "images", "depths", "confidence", "normals", "."] {
-            // One that holds something else stays.
-            std::fs::remove_dir(self.root.join(folder)).ok();
-        }
+        let folders = ["cams", "images", "depths", "confidence", "normals"].map(|name| self.root.join(name));
+        // One that holds something else stays.
+        folders.iter().chain([&self.root]).for_each(|folder| drop(std::fs::remove_dir(folder)));
         Ok(())
     }
 

@@ -16,7 +16,7 @@ use vamvs_io::image;
 use crate::{Event, OutputFolder, Pass, VamvsError, geometric};
 
 /// Changes whenever the same inputs give other depth maps.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 
 /// What became of a view.
 enum Outcome {
