@@ -2,6 +2,7 @@
 
 use std::cell::Cell;
 use std::io::IsTerminal;
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -68,8 +69,8 @@ impl Progress {
         self.bar.suspend(|| eprintln!("warning: {line}"));
     }
 
-    /// Draws an event.
-    pub fn show(&self, event: Event) {
+    /// Draws an event. The work always goes on: Ctrl-C ends the process.
+    pub fn show(&self, event: Event) -> ControlFlow<()> {
         match event {
             Event::Warning(text) => self.warn(&text),
             Event::DepthMap { name, pass, done, total, resumed, time } => {
@@ -90,7 +91,9 @@ impl Progress {
             }
             Event::Report { done, total } => self.step("report", done, total),
             Event::Export { done, total } => self.step("export", done, total),
+            _ => {}
         }
+        ControlFlow::Continue(())
     }
 
     /// The time that a depth map took, and that the others will take if they are like those so far.

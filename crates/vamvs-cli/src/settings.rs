@@ -286,7 +286,9 @@ mod input {
 mod depth {
     use super::*;
     use crate::arguments::{DepthFlags, Spacing};
+    use vamvs::Reconstruction;
     use vamvs::core::Scene;
+    use vamvs::io::Loaded;
 
     impl Settings {
         /// Lets depth flags win.
@@ -321,6 +323,19 @@ mod depth {
                 self.fusion.roi = None;
             }
             Ok(())
+        }
+
+        /// What these settings make of a scene; `loaded.masks` are those that it brings.
+        pub fn reconstruction(&self, loaded: Loaded) -> Result<Reconstruction> {
+            let masks = self.input.masks(&loaded.masks)?;
+            let mut reconstruction = Reconstruction::new(loaded).masks(masks).depth(self.depth.clone());
+            if let Some(weights) = &self.weights {
+                reconstruction = reconstruction.weights(weights);
+            }
+            if let Some(device) = &self.device {
+                reconstruction = reconstruction.device(device);
+            }
+            Ok(reconstruction)
         }
 
         /// With `--preview`, the settings of a quick look at this scene, where flags still win.

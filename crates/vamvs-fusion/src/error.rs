@@ -51,6 +51,9 @@ pub enum FuseError {
         /// The part's size.
         found: Size,
     },
+    /// The caller ended the fusion.
+    #[error("the fusion was cancelled")]
+    Cancelled,
     /// The sink did not take the points.
     #[error("the fused points could not be written")]
     Sink(#[source] BoxError),

@@ -1,5 +1,6 @@
 //! The two passes over the views.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use vamvs_core::{Cloud, Roi};
@@ -36,6 +37,18 @@ pub struct FuseJob<'a, S: ?Sized> {
 /// Where points go.
 pub(crate) type Sink<'a> = dyn FnMut(&FusedPoints) -> Result<(), BoxError> + 'a;
 
+/// Takes how far a fusion is and says whether it goes on: `ControlFlow::Break(())` ends it with
+/// [`FuseError::Cancelled`].
+pub type OnFuseEvent<'a> = dyn FnMut(FuseEvent) -> ControlFlow<()> + 'a;
+
+/// Tells how far a fusion is.
+pub(crate) fn tell(on_event: &mut OnFuseEvent<'_>, event: FuseEvent) -> Result<(), FuseError> {
+    match on_event(event) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(FuseError::Cancelled),
+    }
+}
+
 /// How far a fusion is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FuseEvent {
@@ -60,11 +73,11 @@ pub enum FuseEvent {
 ///
 /// # Errors
 /// If an option or a neighbour makes no sense, a view cannot be loaded or does not fit together, or
-/// `sink` fails.
+/// `sink` fails, or `on_event` breaks.
 pub fn fuse<S: MapSource + ?Sized>(
     job: &FuseJob<'_, S>,
     sink: &mut Sink<'_>,
-    on_event: &mut dyn FnMut(FuseEvent),
+    on_event: &mut OnFuseEvent<'_>,
 ) -> Result<FuseReport, FuseError> {
     job.options.validate()?;
     let neighbours = checked_neighbours(job.neighbours, job.source.len())?;
@@ -91,7 +104,7 @@ pub fn fuse_to_cloud<S: MapSource + ?Sized>(job: &FuseJob<'_, S>) -> Result<(Clo
         cloud.extend_from_slice(fused.points());
         Ok(())
     };
-    let report = fuse(job, &mut sink, &mut |_| ())?;
+    let report = fuse(job, &mut sink, &mut |_| ControlFlow::Continue(()))?;
     Ok((cloud, report))
 }
 
@@ -129,7 +142,7 @@ fn ascending(mut views: Vec<usize>) -> Vec<usize> {
 fn filter_views<S: MapSource + ?Sized>(
     job: &FuseJob<'_, S>,
     (neighbours, order): (&[Vec<usize>], &[usize]),
-    on_event: &mut dyn FnMut(FuseEvent),
+    on_event: &mut OnFuseEvent<'_>,
 ) -> Result<(Vec<Kept>, usize), FuseError> {
     let mut cache = ViewCache::new(job.memory, |view| job.filtered(view));
     let mut all: Vec<Kept> = neighbours.iter().map(|_| Kept::default()).collect();
@@ -142,7 +155,7 @@ fn filter_views<S: MapSource + ?Sized>(
             let pairs = numbered.map(|(&number, source)| Pair::new(reference, number, source, job.options));
             keep(reference, &pairs.collect::<Vec<_>>(), job.options, job.roi.as_ref())
         })?;
-        on_event(FuseEvent::Filtered { view, kept: kept.count });
+        tell(on_event, FuseEvent::Filtered { view, kept: kept.count })?;
         cache.set_aside(kept.bits.bytes());
         all[view] = kept;
     }

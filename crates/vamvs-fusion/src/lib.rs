@@ -41,7 +41,7 @@ mod surface;
 mod wide;
 
 pub use error::{BoxError, FuseError};
-pub use fuse::{FuseEvent, FuseJob, fuse, fuse_to_cloud};
+pub use fuse::{FuseEvent, FuseJob, OnFuseEvent, fuse, fuse_to_cloud};
 pub use options::{Consistency, FuseOptions, OptionsError, PointSpacing};
 pub use points::FusedPoints;
 pub use report::{FuseReport, ViewReport};

@@ -1,13 +1,13 @@
 //! Where points go: to the sink, in the order in which they are made.
 
-use crate::fuse::Sink;
+use crate::fuse::{OnFuseEvent, Sink, tell};
 use crate::spacing::Thinner;
 use crate::{FuseError, FuseEvent, FusedPoints, ViewReport};
 
 /// Hands points to the sink one batch after the other; while it takes one, the next is made.
 pub(crate) struct Outlet<'a, 's> {
     sink: &'a mut Sink<'s>,
-    on_event: &'a mut dyn FnMut(FuseEvent),
+    on_event: &'a mut OnFuseEvent<'s>,
     thinner: Option<Thinner>,
     views: Vec<ViewReport>,
     pending: Option<Batch>,
@@ -25,7 +25,7 @@ impl<'a, 's> Outlet<'a, 's> {
     /// `kept` tells for each view what was removed so far and how many pixels are kept.
     pub fn new(
         sink: &'a mut Sink<'s>,
-        on_event: &'a mut dyn FnMut(FuseEvent),
+        on_event: &'a mut OnFuseEvent<'s>,
         thinner: Option<Thinner>,
         kept: impl Iterator<Item = (ViewReport, u64)>,
     ) -> Self {
@@ -54,7 +54,7 @@ impl<'a, 's> Outlet<'a, 's> {
         report.merged -= count;
         report.points += count;
         if is_last {
-            (self.on_event)(FuseEvent::Merged { view, points: report.points });
+            tell(self.on_event, FuseEvent::Merged { view, points: report.points })?;
         }
         Ok(())
     }

@@ -4,8 +4,10 @@
 mod synthetic;
 
 use nalgebra::Vector3;
+use std::ops::ControlFlow;
 use synthetic::{Surface, all_others, views};
 use vamvs_core::{Cloud, Pose, Size};
+
 use vamvs_fusion::{
     FuseEvent, FuseJob, FuseOptions, FuseReport, FusedPoints, FusionView, fuse, fuse_to_cloud,
 };
@@ -123,7 +125,11 @@ fn points_come_view_by_view_and_events_tell_of_each() {
         makers.extend(fused.iter().map(|(_, views)| views[0] as usize));
         Ok(())
     };
-    let report = fuse(&job, &mut sink, &mut |event| events.push(event)).unwrap();
+    let report = fuse(&job, &mut sink, &mut |event| {
+        events.push(event);
+        ControlFlow::Continue(())
+    })
+    .unwrap();
     let points = |view: usize| report.views[view].points;
     let view_of = |event: &FuseEvent| match *event {
         FuseEvent::Filtered { view, .. } | FuseEvent::Merged { view, .. } => view,
@@ -152,7 +158,7 @@ fn a_sink_that_fails_stops_the_fusion() {
         calls += 1;
         Err("disk full".into())
     };
-    let error = fuse(&job, &mut sink, &mut |_| ()).unwrap_err();
+    let error = fuse(&job, &mut sink, &mut |_| ControlFlow::Continue(())).unwrap_err();
     assert_eq!(std::error::Error::source(&error).unwrap().to_string(), "disk full");
     assert_eq!(calls, 1);
 }

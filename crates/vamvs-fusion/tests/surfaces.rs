@@ -234,7 +234,8 @@ fn pixels_that_make_points(pair: &[FusionView; 2]) -> [Grid<bool>; 2] {
         }
         Ok(())
     };
-    vamvs_fusion::fuse(&job, &mut sink, &mut |_| ()).expect("the views can be fused");
+    vamvs_fusion::fuse(&job, &mut sink, &mut |_| std::ops::ControlFlow::Continue(()))
+        .expect("the views can be fused");
     made
 }
 

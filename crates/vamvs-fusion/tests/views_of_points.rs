@@ -22,7 +22,7 @@ fn every_view_of_a_point_sees_it_and_that_which_made_it_comes_first() {
         batches.push(fused.clone());
         Ok(())
     };
-    fuse(&job, &mut sink, &mut |_| ()).unwrap();
+    fuse(&job, &mut sink, &mut |_| std::ops::ControlFlow::Continue(())).unwrap();
     let mut count = 0;
     for batch in &batches {
         let maker = batch.iter().next().map(|(_, seen_by)| seen_by[0]);

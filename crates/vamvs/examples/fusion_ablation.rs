@@ -81,8 +81,8 @@ fn variants() -> Vec<(String, FuseOptions)> {
 
 impl Scene {
     fn read(estimated: &std::path::Path, truth: &std::path::Path) -> Result<Self> {
-        let maps = Maps::open(estimated, Masks::None, &mut |_| ())?;
-        let truth = Maps::open(truth, Masks::None, &mut |_| ())?;
+        let maps = Maps::open(estimated, Masks::None, &mut |_| std::ops::ControlFlow::Continue(()))?;
+        let truth = Maps::open(truth, Masks::None, &mut |_| std::ops::ControlFlow::Continue(()))?;
         let true_maps: Vec<DepthMap> =
             (0..truth.len()).map(|view| truth.depth_map(view)).collect::<std::result::Result<_, _>>()?;
         let mut depths: Vec<f32> =

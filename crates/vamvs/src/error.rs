@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 /// An error of the pipeline.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum VamvsError {
     /// A file.
     #[error(transparent)]
     Io(#[from] vamvs_io::IoError),
     /// Fusion.
     #[error(transparent)]
-    Fuse(#[from] vamvs_fusion::FuseError),
+    Fuse(vamvs_fusion::FuseError),
     /// Refinement.
     #[error(transparent)]
     Refine(#[from] vamvs_refine::RefineError),
@@ -34,9 +35,24 @@ pub enum VamvsError {
         /// What is missing, and what to do.
         problem: String,
     },
+    /// A photograph that the program has itself.
+    #[error("its photograph cannot be had")]
+    Photo(#[source] Box<dyn std::error::Error + Send + Sync>),
+    /// The caller ended the work.
+    #[error("the work was cancelled")]
+    Cancelled,
     /// The request or the scene makes no sense.
     #[error("{0}")]
     Request(String),
+}
+
+impl From<vamvs_fusion::FuseError> for VamvsError {
+    fn from(error: vamvs_fusion::FuseError) -> Self {
+        match error {
+            vamvs_fusion::FuseError::Cancelled => Self::Cancelled,
+            error => Self::Fuse(error),
+        }
+    }
 }
 
 impl VamvsError {
@@ -50,6 +66,12 @@ impl VamvsError {
                 .iter()
                 .any(|w| text.contains(w))
         })
+    }
+
+    /// Whether the run cannot go on as it is: memory did not suffice, or the caller ended it.
+    #[cfg(feature = "net")]
+    pub(crate) fn ends_run(&self) -> bool {
+        matches!(self, Self::Cancelled) || self.is_out_of_memory()
     }
 
     /// The error and its causes in one line.

@@ -1,7 +1,9 @@
 //! What the pipeline tells while it works.
 
+use std::ops::ControlFlow;
 use std::time::Duration;
 
+use crate::VamvsError;
 use crate::output::LeftOut;
 
 /// What was done for a view.
@@ -15,6 +17,7 @@ pub enum Pass {
 
 /// Progress of the pipeline; front ends draw it.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Event {
     /// Something a user should know, one sentence.
     Warning(String),
@@ -54,6 +57,18 @@ pub enum Event {
         /// How many there will be.
         total: usize,
     },
+}
+
+/// Takes the progress of some work and says whether it goes on: `ControlFlow::Break(())` ends it with
+/// [`VamvsError::Cancelled`].
+pub type OnEvent<'a> = dyn FnMut(Event) -> ControlFlow<()> + 'a;
+
+/// Tells an event.
+pub(crate) fn tell(on_event: &mut OnEvent<'_>, event: Event) -> Result<(), VamvsError> {
+    match on_event(event) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(VamvsError::Cancelled),
+    }
 }
 
 impl Event {

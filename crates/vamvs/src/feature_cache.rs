@@ -7,6 +7,7 @@ use vamvs_core::{Photo, Scene};
 use vamvs_net::tch::no_grad;
 use vamvs_net::{EncodedView, Network, Profile, Stage};
 
+use crate::event::{OnEvent, tell};
 use crate::{Event, Photographs, VamvsError};
 
 /// A photograph and its features.
@@ -61,7 +62,7 @@ impl<'a> FeatureCache<'a> {
         &mut self,
         view: usize,
         profile: &mut Profile,
-        on_event: &mut dyn FnMut(Event),
+        on_event: &mut OnEvent<'_>,
     ) -> Result<Rc<Encoded>, VamvsError> {
         if let Some(place) = self.kept.iter().position(|(kept, _)| *kept == view) {
             let entry = self.kept.remove(place);
@@ -83,7 +84,7 @@ impl<'a> FeatureCache<'a> {
         &mut self,
         view: usize,
         profile: &mut Profile,
-        on_event: &mut dyn FnMut(Event),
+        on_event: &mut OnEvent<'_>,
     ) -> Result<Encoded, VamvsError> {
         let scene_view = &self.scene.views[view];
         let of_view = |error: VamvsError| error.of_view(&scene_view.name);
@@ -92,7 +93,7 @@ impl<'a> FeatureCache<'a> {
         self.reading += begin.elapsed();
         if let Some(note) = note.filter(|_| !self.noted[view]) {
             self.noted[view] = true;
-            on_event(Event::Warning(note));
+            tell(on_event, Event::Warning(note))?;
         }
         let features = profile.time(Stage::Encode, || no_grad(|| self.network.encode(&photo)));
         Ok(Encoded { features: features.map_err(|error| of_view(error.into()))?, photo })

@@ -3,6 +3,7 @@
 use vamvs_core::Scene;
 use vamvs_net::{Device, Estimator};
 
+use crate::event::{OnEvent, tell};
 use crate::memory::spelled;
 use crate::{DepthOptions, Event, Photographs, Plan, VamvsError, ViewPlan};
 
@@ -21,12 +22,12 @@ const SMALLER_PIECES: usize = 8;
 ///
 /// # Errors
 /// As [`plan`](fn@crate::plan).
-pub fn fitting(
+pub(crate) fn fitting(
     scene: &Scene,
     photographs: &Photographs,
     options: &DepthOptions,
     estimator: &mut Estimator,
-    on_event: &mut dyn FnMut(Event),
+    on_event: &mut OnEvent<'_>,
 ) -> Result<(Photographs, Plan), VamvsError> {
     let plan = crate::plan(scene, photographs, options)?;
     let (free, needed) = (options.max_memory.left(), most_bytes(&plan, estimator));
@@ -38,13 +39,14 @@ pub fn fitting(
     pieces.strip_points /= SMALLER_PIECES;
     let (photographs, plan) = reduced((photographs, plan), scene, options, (estimator, free))?;
     let size = longest_side(&plan);
-    on_event(Event::Warning(format!(
+    let text = format!(
         "a depth map takes about {}, and {} of --max-memory {} are free: it is made in smaller pieces, of photographs of {size} pixels, and takes about {}",
         spelled(needed),
         spelled(free),
         options.max_memory,
         spelled(most_bytes(&plan, estimator)),
-    )));
+    );
+    tell(on_event, Event::Warning(text))?;
     Ok((photographs, plan))
 }
 

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use vamvs_fusion::{FuseEvent, FuseJob, FusedPoints, MapSource, ViewReport};
 
+use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
 use crate::memory::spelled;
 use crate::output::LeftOut;
@@ -46,11 +47,11 @@ pub fn fuse(
     cloud: &Path,
     options: &FusionOptions,
     exports: &ExportOptions,
-    on_event: &mut dyn FnMut(Event),
+    on_event: &mut OnEvent<'_>,
 ) -> Result<FuseSummary, VamvsError> {
     let neighbours = maps.neighbours(options.neighbours);
     let alone = alone(maps, &neighbours, options.filter.min_views);
-    alone.iter().for_each(|view| on_event(Event::left_out(view)));
+    alone.iter().try_for_each(|view| tell(on_event, Event::left_out(view)))?;
     let skipped = [maps.left_out(), &alone].concat();
     let mut exporter = Exporter::begin(maps, cloud, exports)?;
     let left = options.max_memory.left();
@@ -66,12 +67,12 @@ pub fn fuse(
     let mut done = 0;
     let mut progress = |_: FuseEvent| {
         done += 1;
-        on_event(Event::Fusion { done, total });
+        on_event(Event::Fusion { done, total })
     };
     let mut sink = |fused: &FusedPoints| Ok(exporter.push(fused)?);
     let begin = Instant::now();
     let report = vamvs_fusion::fuse(&job, &mut sink, &mut progress)?;
-    warn_of_memory(report.memory, memory, options.max_memory, on_event);
+    warn_of_memory(report.memory, memory, options.max_memory, on_event)?;
     let (points, fusing) = (report.total().points, begin.elapsed());
     if points > 0 {
         exporter.finish(&neighbours, &options.filter, on_event)?;
@@ -93,11 +94,18 @@ fn alone(maps: &Maps, neighbours: &[Vec<usize>], min_views: usize) -> Vec<LeftOu
 }
 
 /// Tells of depth maps that took more than they should.
-fn warn_of_memory(taken: u64, given: u64, limit: MemoryLimit, on_event: &mut dyn FnMut(Event)) {
+fn warn_of_memory(
+    taken: u64,
+    given: u64,
+    limit: MemoryLimit,
+    on_event: &mut OnEvent<'_>,
+) -> Result<(), VamvsError> {
     if taken > given {
-        on_event(Event::Warning(format!(
+        let text = format!(
             "fusion took {} more than the limit of {limit}: a depth map and its neighbours must be in memory at the same time (--max-memory, --neighbours)",
             spelled(taken - given)
-        )));
+        );
+        tell(on_event, Event::Warning(text))?;
     }
+    Ok(())
 }

@@ -4,10 +4,10 @@ use std::sync::OnceLock;
 
 use rayon::prelude::*;
 use vamvs_core::{Scene, View};
-use vamvs_net::{Estimator, EstimatorOptions};
+use vamvs_net::EstimatorOptions;
 use vamvs_refine::RefineOptions;
 
-use crate::{Photographs, ViewPlan};
+use crate::{Photographs, Prepared, ViewPlan};
 
 /// Changes whenever the same inputs give other depth maps.
 const PIPELINE_VERSION: u32 = 6;
@@ -23,12 +23,12 @@ pub struct Identity<'a> {
 impl<'a> Identity<'a> {
     /// Hashes the module and how the estimator uses it. A photograph is hashed when a depth map that it makes has its
     /// turn, and only once.
-    pub fn new(module: &[u8], estimator: &Estimator, scene: &'a Scene) -> Self {
+    pub fn new(work: &'a Prepared) -> Self {
+        let Prepared { scene, estimator, module, .. } = work;
         // Slabs and strips bound the memory and change nothing of the result.
         let cells = estimator.network().manifest().cells;
         let EstimatorOptions { iterations, completion, guide, slab_bytes: _, strip_points: _ } =
             estimator.options();
-        let module = blake3::hash(module);
         let common = format!("{PIPELINE_VERSION} {module} {cells} {iterations:?} {completion:?} {guide:?}");
         Self { common, scene, views: vec![OnceLock::new(); scene.views.len()] }
     }
@@ -67,11 +67,6 @@ impl<'a> Identity<'a> {
 fn hash_view(view: &View, photographs: &Photographs) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
     hasher.update(format!("{:?} {:?}", view.camera, view.cam_from_world).as_bytes());
-    for path in [Some(photographs.path(view)), photographs.mask_path(view)].into_iter().flatten() {
-        let read = std::fs::File::open(path).and_then(|file| hasher.update_reader(file).map(drop));
-        if let Err(error) = read {
-            hasher.update(error.to_string().as_bytes());
-        }
-    }
+    photographs.hash(view, &mut hasher);
     hasher.finalize()
 }

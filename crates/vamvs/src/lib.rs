@@ -22,7 +22,7 @@ pub mod export;
 #[cfg(feature = "net")]
 mod feature_cache;
 #[cfg(feature = "net")]
-pub mod fit;
+mod fit;
 pub mod fuse;
 mod geometric;
 #[cfg(feature = "net")]
@@ -34,29 +34,39 @@ pub mod options;
 pub mod output;
 pub mod photographs;
 pub mod plan;
+#[cfg(feature = "net")]
+mod prepared;
+#[cfg(feature = "net")]
+mod reconstruction;
 pub mod refine;
 #[cfg(feature = "net")]
 mod refinement;
 pub mod report;
+mod view_map;
 #[cfg(feature = "net")]
 pub mod weights;
 
 #[cfg(feature = "net")]
-pub use depth::{DepthSummary, estimate};
+pub use depth::{DepthJob, DepthMaps, DepthSummary, estimate};
 pub use error::VamvsError;
-pub use event::{Event, Pass};
+pub use event::{Event, OnEvent, Pass};
 pub use export::ExportOptions;
-#[cfg(feature = "net")]
-pub use fit::fitting;
 pub use fuse::{FuseSummary, fuse};
 pub use input::Input;
 pub use maps::Maps;
 pub use memory::MemoryLimit;
 pub use options::{DepthOptions, FusionOptions};
 pub use output::OutputFolder;
-pub use photographs::Photographs;
+pub use photographs::{PhotoSource, Photographs, Picture};
 pub use plan::{Plan, ViewPlan, plan};
+#[cfg(feature = "net")]
+pub use prepared::Prepared;
+#[cfg(feature = "net")]
+pub use reconstruction::{Reconstructed, Reconstruction};
 
+pub use view_map::{ViewMap, fuse_in_memory};
+
+pub use nalgebra;
 pub use vamvs_core as core;
 pub use vamvs_eval as measures;
 pub use vamvs_fusion as fusion;

@@ -15,6 +15,7 @@ const PREVIEW_SIZE: usize = 640;
 /// How depth maps are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct DepthOptions {
     /// Longer side to which larger photographs are reduced, pixels: the size of refined depth maps.
     pub max_size: usize,
@@ -96,6 +97,7 @@ impl DepthOptions {
 /// How depth maps become a cloud.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct FusionOptions {
     /// The filters.
     pub filter: FuseOptions,

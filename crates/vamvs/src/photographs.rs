@@ -1,19 +1,52 @@
 //! The photographs of a scene as the network wants them: undistorted, reduced or enlarged.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use vamvs_core::undistort::Undistortion;
-use vamvs_core::{Camera, Grid, Photo, Pinhole, Scene, Size, View};
+use vamvs_core::{Camera, Grid, Photo, Pinhole, Rgb, Scene, Size, View};
 use vamvs_io::image;
 use vamvs_io::masks::{self, Masks};
 
 use crate::{DepthOptions, VamvsError};
 
+/// Photographs that a program has itself, in memory or wherever it likes.
+pub trait PhotoSource: Send + Sync {
+    /// The photograph of a view; each time the same.
+    ///
+    /// # Errors
+    /// If it cannot be had; then the view is left out.
+    fn picture(&self, view: &View) -> Result<Picture, Box<dyn std::error::Error + Send + Sync>>;
+}
+
+/// A photograph as its camera took it, lens distortion included.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// The image, of the camera's size.
+    pub image: Grid<Rgb>,
+    /// Pixels that count (`true`), of the same size; `None` if all do.
+    pub mask: Option<Grid<bool>>,
+}
+
+/// Where photographs are.
+#[derive(Clone)]
+pub(crate) enum Origin {
+    Files { images: PathBuf, masks: Masks },
+    Program(Arc<dyn PhotoSource>),
+}
+
+/// A photograph as it was taken, its camera, and a note for the user.
+struct Taken {
+    picture: Picture,
+    camera: Camera,
+    note: Option<String>,
+}
+
 /// Reads photographs of a scene one by one.
 #[derive(Clone, Debug)]
 pub struct Photographs {
-    images: PathBuf,
-    masks: Masks,
+    origin: Origin,
     /// Longer side of the photographs that the network sees, pixels.
     max_size: usize,
     /// Longer side of the photographs that depth maps are refined to, pixels.
@@ -28,12 +61,22 @@ impl Photographs {
     /// network sees them.
     #[must_use]
     pub fn new(images: &Path, masks: Masks, options: &DepthOptions) -> Self {
+        Self::of(Origin::Files { images: images.to_owned(), masks }, options)
+    }
+
+    /// Photographs that the program has itself, at the size that the options ask for.
+    #[must_use]
+    pub fn from_source(source: Arc<dyn PhotoSource>, options: &DepthOptions) -> Self {
+        Self::of(Origin::Program(source), options)
+    }
+
+    pub(crate) fn of(origin: Origin, options: &DepthOptions) -> Self {
         let DepthOptions {
             max_size: full_size, network_size, enlarge, min_brightness, max_brightness, ..
         } = *options;
         let brightness = [min_brightness, max_brightness];
         let max_size = full_size.min(network_size);
-        Self { images: images.to_owned(), masks, max_size, full_size, enlarge, brightness }
+        Self { origin, max_size, full_size, enlarge, brightness }
     }
 
     /// The same photographs, reduced to `max_size` pixels on the longer side.
@@ -77,28 +120,44 @@ impl Photographs {
         (self.enlarge, self.brightness)
     }
 
-    /// The folder of photographs.
+    /// The folder of photographs, if they are files.
     #[must_use]
-    pub fn folder(&self) -> &Path {
-        &self.images
+    pub fn folder(&self) -> Option<&Path> {
+        match &self.origin {
+            Origin::Files { images, .. } => Some(images),
+            Origin::Program(_) => None,
+        }
     }
 
-    /// How many views of the scene have a mask.
+    /// The masks, if they are files.
     #[must_use]
-    pub fn masked(&self, scene: &Scene) -> usize {
-        scene.views.iter().filter(|view| self.mask_path(view).is_some()).count()
+    pub fn masks(&self) -> &Masks {
+        match &self.origin {
+            Origin::Files { masks, .. } => masks,
+            Origin::Program(_) => &Masks::None,
+        }
     }
 
-    /// The image file of a view.
-    #[must_use]
-    pub fn path(&self, view: &View) -> PathBuf {
-        self.images.join(&view.name)
-    }
-
-    /// The mask file of a view, if there is one.
-    #[must_use]
-    pub fn mask_path(&self, view: &View) -> Option<PathBuf> {
-        self.masks.find(&view.name)
+    /// Adds a view's photograph and mask to a hash, or why they cannot be read: then the view is left out when its turn
+    /// comes.
+    pub(crate) fn hash(&self, view: &View, hasher: &mut blake3::Hasher) {
+        match &self.origin {
+            Origin::Files { images, masks } => {
+                let files = [Some(images.join(&view.name)), masks.find(&view.name)];
+                files.iter().flatten().for_each(|file| hash_file(file, hasher));
+            }
+            Origin::Program(source) => match source.picture(view) {
+                Ok(Picture { image, mask }) => {
+                    hasher.update(image.data().as_flattened());
+                    if let Some(mask) = mask {
+                        hasher.update(mask.map(|&counts| u8::from(counts)).data());
+                    }
+                }
+                Err(error) => {
+                    hasher.update(error.to_string().as_bytes());
+                }
+            },
+        }
     }
 
     /// The undistorted camera at working size.
@@ -113,16 +172,11 @@ impl Photographs {
     /// # Errors
     /// If a file cannot be read or its size contradicts the camera's.
     pub fn load(&self, view: &View) -> Result<(Photo, Option<String>), VamvsError> {
-        let (loaded, camera) = image::load_for_camera(&self.path(view), &view.camera)?;
-        let mask = match self.mask_path(view) {
-            Some(path) => Some(masks::load(&path, camera.size)?),
-            None => None,
-        };
-        let mask = both(mask, loaded.alpha_mask);
+        let Taken { picture: Picture { image, mask }, camera, note } = self.origin.taken(view)?;
         let undistortion = Undistortion::new(&camera);
         let size = self.working_size(camera.size);
         let mask = undistortion.resized(camera.size, size).mask(mask.as_ref());
-        let image = undistorted(&undistortion, loaded.rgb, size);
+        let image = undistorted(&undistortion, image, size);
         let foreground = (self.brightness != [0, 255]).then(|| foreground(&image, self.brightness));
         let photo = Photo {
             camera: undistortion.pinhole().resized(size),
@@ -130,7 +184,7 @@ impl Photographs {
             mask: both(mask, foreground),
             image,
         };
-        Ok((photo, loaded.note.map(|note| format!("{}: {note}", view.name))))
+        Ok((photo, note.map(|note| format!("{}: {note}", view.name))))
     }
 
     fn working_size(&self, size: Size) -> Size {
@@ -138,6 +192,50 @@ impl Photographs {
         let ratio = self.enlarge.min(self.max_size as f64 / longer);
         let side = |side: usize| (side as f64 * ratio).round().max(1.0) as usize;
         Size::new(side(size.width), side(size.height))
+    }
+}
+
+impl Origin {
+    fn taken(&self, view: &View) -> Result<Taken, VamvsError> {
+        match self {
+            Self::Files { images, masks } => {
+                let (loaded, camera) = image::load_for_camera(&images.join(&view.name), &view.camera)?;
+                let mask = masks.find(&view.name).map(|path| masks::load(&path, camera.size)).transpose()?;
+                let picture = Picture { image: loaded.rgb, mask: both(mask, loaded.alpha_mask) };
+                Ok(Taken { picture, camera, note: loaded.note })
+            }
+            Self::Program(source) => {
+                let picture = source.picture(view).map_err(VamvsError::Photo)?;
+                expect_size("image", picture.image.size(), view.camera.size)?;
+                picture
+                    .mask
+                    .iter()
+                    .try_for_each(|mask| expect_size("mask", mask.size(), view.camera.size))?;
+                Ok(Taken { picture, camera: view.camera, note: None })
+            }
+        }
+    }
+}
+
+impl fmt::Debug for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Files { images, masks } => write!(f, "{} with {masks:?}", images.display()),
+            Self::Program(_) => f.write_str("the program's own"),
+        }
+    }
+}
+
+fn expect_size(what: &str, found: Size, expected: Size) -> Result<(), VamvsError> {
+    let text = || format!("expected {what} of the camera's size {expected}, got one of {found}");
+    if found == expected { Ok(()) } else { Err(VamvsError::Request(text())) }
+}
+
+/// Adds a file to a hash, or why it cannot be read.
+pub(crate) fn hash_file(path: &Path, hasher: &mut blake3::Hasher) {
+    let read = std::fs::File::open(path).and_then(|file| hasher.update_reader(file).map(drop));
+    if let Err(error) = read {
+        hasher.update(error.to_string().as_bytes());
     }
 }
 
@@ -155,11 +253,7 @@ pub fn working_cameras(photographs: &Photographs, scene: &Scene) -> Vec<Pinhole>
 
 /// The undistorted photograph at `size`. A large one is first reduced, without aliasing, to twice that size, so that
 /// at most four times the pixels that are wanted are undistorted.
-fn undistorted(
-    undistortion: &Undistortion,
-    image: Grid<vamvs_core::Rgb>,
-    size: Size,
-) -> Grid<vamvs_core::Rgb> {
+fn undistorted(undistortion: &Undistortion, image: Grid<Rgb>, size: Size) -> Grid<Rgb> {
     if !undistortion.changes() {
         return resized(image, size);
     }
@@ -170,12 +264,12 @@ fn undistorted(
     resized(undistortion.resized(between, between).image(&reduced), size)
 }
 
-fn resized(image: Grid<vamvs_core::Rgb>, size: Size) -> Grid<vamvs_core::Rgb> {
+fn resized(image: Grid<Rgb>, size: Size) -> Grid<Rgb> {
     if image.size() == size { image } else { image::resize(&image, size) }
 }
 
 /// Pixels of which some channel has `least` or more, and some has `most` or less.
-fn foreground(image: &Grid<vamvs_core::Rgb>, [least, most]: [u8; 2]) -> Grid<bool> {
+fn foreground(image: &Grid<Rgb>, [least, most]: [u8; 2]) -> Grid<bool> {
     image.map(|rgb| rgb.iter().any(|&channel| channel >= least) && rgb.iter().any(|&channel| channel <= most))
 }
 

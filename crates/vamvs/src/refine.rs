@@ -12,8 +12,9 @@ use std::time::Duration;
 
 use vamvs_core::Scene;
 
+use crate::event::OnEvent;
 use crate::output::LeftOut;
-use crate::{Event, Maps, OutputFolder, Photographs, VamvsError};
+use crate::{Maps, OutputFolder, Photographs, VamvsError};
 
 pub use vamvs_refine::{Features, RefineError, RefineOptions, Refined};
 pub use vamvs_refine::{refine as refine_view, refine_geometric as refine_view_geometric};
@@ -63,6 +64,6 @@ pub struct RefineSummary {
 /// # Errors
 /// If the output folder is one of the inputs, a file cannot be written, or no view can be refined. A view whose
 /// photograph or depth map cannot be read is left out.
-pub fn refine(job: &RefineJob, on_event: &mut dyn FnMut(Event)) -> Result<RefineSummary, VamvsError> {
+pub fn refine(job: &RefineJob, on_event: &mut OnEvent<'_>) -> Result<RefineSummary, VamvsError> {
     run::Run::new(job).views(on_event)
 }

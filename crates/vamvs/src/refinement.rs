@@ -7,8 +7,9 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Scene};
 use vamvs_refine::{RefineOptions, Refined, refine};
 
+use crate::output::LoadedMap;
 use crate::refine::PhotoCache;
-use crate::{OutputFolder, Photographs, VamvsError, geometric};
+use crate::{Photographs, VamvsError, geometric};
 
 /// What refining a depth map takes for each pixel of the photograph, bytes: planes, features and the images of the
 /// reference and its sources.
@@ -83,14 +84,14 @@ impl<'a> Refinement<'a> {
         &mut self,
         view: usize,
         sources: &[usize],
-        (first, names): (&OutputFolder, &[String]),
+        first: impl Fn(usize) -> Result<Rc<LoadedMap>, VamvsError>,
     ) -> Result<(Refined, Rc<Photo>), VamvsError> {
         let reference = self.photo(view)?;
         // That a source view cannot be read is told where its own turn comes.
-        let with_photo = |&source: &usize| Some((names[source].as_str(), self.photo(source).ok()?));
-        let sources: Vec<(&str, Rc<Photo>)> = sources.iter().filter_map(with_photo).collect();
+        let with_photo = |&source: &usize| Some((source, self.photo(source).ok()?));
+        let sources: Vec<(usize, Rc<Photo>)> = sources.iter().filter_map(with_photo).collect();
         let begin = Instant::now();
-        let refined = geometric::refined(first, &names[view], &reference, &sources, &self.options)?;
+        let refined = geometric::refined(first, (view, &reference), &sources, &self.options)?;
         self.refining_again += begin.elapsed();
         Ok((refined, reference))
     }

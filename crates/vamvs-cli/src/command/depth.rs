@@ -1,13 +1,13 @@
 //! `vamvs depth`: photographs and cameras to depth maps.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use serde_json::json;
 use vamvs::core::Scene;
 use vamvs::depth::DepthJob;
 use vamvs::io::masks::Masks;
-use vamvs::net::device::{device_name, open_device};
-use vamvs::net::{Estimator, EstimatorOptions, Stage};
-use vamvs::{DepthSummary, OutputFolder, Photographs, Plan, ViewPlan, weights};
+use vamvs::net::device::device_name;
+use vamvs::net::{EstimatorOptions, Stage};
+use vamvs::{DepthSummary, OutputFolder, Plan, Prepared, ViewPlan};
 
 use crate::arguments::DepthArguments;
 use crate::heap::KeptBlocks;
@@ -45,33 +45,17 @@ pub fn estimate(
 ) -> Result<DepthSummary> {
     settings.use_threads()?;
     let _blocks = KeptBlocks::begin();
-    let input = settings.input.scene()?;
-    let loaded = input.load()?;
-    loaded.warnings.iter().for_each(|warning| progress.warn(warning));
+    let loaded = settings.input.scene()?.load()?;
     let settings = settings.previewing(&loaded.scene, &arguments.depth);
-    let masks = settings.input.masks(&loaded.masks)?;
-    let photographs = Photographs::new(&loaded.images, masks.clone(), &settings.depth);
-    say_masks(&masks, photographs.masked(&loaded.scene), loaded.scene.views.len(), progress);
     let out = OutputFolder::new(&arguments.out());
     out.expect_apart(settings.input.cams.as_deref())?;
     let inputs = settings.input.given().chain([loaded.images.as_path()]);
     settings.export.expect_apart(out.root(), inputs)?;
-    let chosen = arguments.depth.preview && arguments.depth.iterations.is_none();
-    let mut estimator = estimator(&settings, chosen, progress)?;
-    let mut show = |event| progress.show(event);
-    let (photographs, plan) =
-        vamvs::fitting(&loaded.scene, &photographs, &settings.depth, &mut estimator, &mut show)?;
-    say_plan(&loaded.scene, &plan, progress);
-    let job = DepthJob {
-        scene: &loaded.scene,
-        photographs: &photographs,
-        plan: &plan,
-        estimator: &estimator,
-        module: &weights::bytes(settings.weights.as_deref())?,
-        options: &settings.depth,
-        output: &out,
-        force: arguments.force,
-    };
+    let work = settings.reconstruction(loaded)?.prepare(&mut |event| progress.show(event))?;
+    let chosen_by_preview = arguments.depth.preview && arguments.depth.iterations.is_none();
+    expect_iterations(&work, settings.depth.iterations.filter(|_| !chosen_by_preview))?;
+    say_work(&work, progress);
+    let job = DepthJob { work: &work, output: &out, force: arguments.force };
     vamvs::depth::prepare(&job)?;
     settings.absolute()?.save(&out.root().join("run.toml"))?;
     let summary = vamvs::estimate(&job, &mut |event| progress.show(event))?;
@@ -79,29 +63,31 @@ pub fn estimate(
     Ok(summary)
 }
 
-/// The network with as many iterations as are wanted, or, if `preview` chose their number, at most those.
-fn estimator(settings: &Settings, preview: bool, progress: &Progress) -> Result<Estimator> {
-    let device = open_device(settings.device.as_deref().unwrap_or("auto"))?;
-    let mut network = weights::load(settings.weights.as_deref(), device)?;
-    if let Some(cells) = settings.depth.cells {
-        network.set_cells(cells).context("--cells")?;
-    }
-    progress.say(&format!("network {} on {}", network.manifest().name, device_name(device)));
-    let mut options = EstimatorOptions::of(&network);
-    let available = options.iterations.len();
-    let wanted = settings.depth.iterations.unwrap_or(available);
-    if wanted > available && !preview {
-        bail!(
+/// Refuses to run fewer iterations than the user asked for.
+fn expect_iterations(work: &Prepared, wanted: Option<usize>) -> Result<()> {
+    let network = work.estimator.network();
+    let available = EstimatorOptions::of(network).iterations.len();
+    match wanted {
+        Some(wanted) if wanted > available => bail!(
             "{wanted} iterations are asked for, but the network {} has {available} (--iterations)",
             network.manifest().name
-        );
+        ),
+        _ => Ok(()),
     }
-    options.iterations.truncate(wanted);
-    Ok(Estimator::new(network, options)?)
+}
+
+/// What depth maps will be made of.
+fn say_work(work: &Prepared, progress: &Progress) {
+    let network = work.estimator.network();
+    progress.say(&format!("network {} on {}", network.manifest().name, device_name(network.device())));
+    say_masks(work.photographs.masks(), &work.scene, progress);
+    say_plan(&work.scene, &work.plan, progress);
 }
 
 /// Which masks are used, and a warning if some views have none.
-fn say_masks(masks: &Masks, masked: usize, views: usize, progress: &Progress) {
+fn say_masks(masks: &Masks, scene: &Scene, progress: &Progress) {
+    let views = scene.views.len();
+    let masked = scene.views.iter().filter(|view| masks.find(&view.name).is_some()).count();
     let place = match masks {
         Masks::None => return,
         Masks::Folder(folder) => format!("in {}", folder.display()),

@@ -7,7 +7,7 @@ use serde_json::json;
 use vamvs::core::Scene;
 use vamvs::io::masks::Masks;
 use vamvs::refine::{RefineJob, RefineOptions, RefineSummary, refine};
-use vamvs::{DepthOptions, Maps, OutputFolder, Photographs};
+use vamvs::{Maps, OutputFolder, Photographs};
 
 use crate::arguments::RefineArguments;
 use crate::progress::Progress;
@@ -67,7 +67,8 @@ impl Photographed {
         progress: &Progress,
     ) -> Result<Self> {
         let max_size = arguments.max_size.unwrap_or(settings.depth.max_size);
-        let options = DepthOptions { max_size, ..settings.depth.clone() };
+        let mut options = settings.depth.clone();
+        options.max_size = max_size;
         if settings.input.given().next().is_none() {
             let images = maps.root().join("images");
             let masks = settings.input.masks(&Masks::None)?;

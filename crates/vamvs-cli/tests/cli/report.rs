@@ -76,7 +76,10 @@ fn the_page_is_left_out_made_again_and_made_without_a_cloud() {
     assert_eq!(read(&page), first, "the same folder gives the same page");
     // Another depth map: what the fusion did is of the past.
     let record = folder.saved("0000").unwrap();
-    let map = vamvs::Maps::open(folder.root(), vamvs::io::masks::Masks::None, &mut |_| ()).unwrap();
+    let map = vamvs::Maps::open(folder.root(), vamvs::io::masks::Masks::None, &mut |_| {
+        std::ops::ControlFlow::Continue(())
+    })
+    .unwrap();
     let (map, colour) =
         (map.depth_map(0).unwrap(), vamvs::io::image::load_rgb(&folder.images().join("0000.png")));
     let range = vamvs::core::DepthRange { near: 1.0, far: 9.0 };

@@ -12,6 +12,7 @@ use vamvs_fusion::MapSource;
 use vamvs_io::masks::Masks;
 use vamvs_io::{depth, visibility};
 
+use crate::event::{OnEvent, tell};
 use crate::{Event, Maps, VamvsError};
 
 /// Poses that differ by more than this, as a share of a median depth or in radians, are of other cameras.
@@ -109,7 +110,7 @@ impl DepthScene {
         prediction: &Path,
         truth: &Path,
         plane_distance: Option<f64>,
-        on_event: &mut dyn FnMut(Event),
+        on_event: &mut OnEvent<'_>,
     ) -> Result<Self, VamvsError> {
         let prediction = Maps::open(prediction, Masks::None, on_event)?;
         let truth = Maps::open(truth, Masks::None, on_event)?;
@@ -134,7 +135,7 @@ impl DepthScene {
     }
 
     /// Warns of views that are left out; none at all is an error.
-    fn check(&self, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
+    fn check(&self, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
         let (both, predicted, truth) = (self.views.len(), self.prediction.len(), self.truth.len());
         if both == 0 {
             let problem = format!(
@@ -146,11 +147,12 @@ impl DepthScene {
             return Err(VamvsError::Folder { path: self.prediction.root().to_owned(), problem });
         }
         if both < predicted.max(truth) {
-            on_event(Event::Warning(format!(
+            let text = format!(
                 "{both} views are compared: {} of {predicted} have no true depth, {} of {truth} no depth map",
                 predicted - both,
                 truth - both
-            )));
+            );
+            tell(on_event, Event::Warning(text))?;
         }
         Ok(())
     }

@@ -15,6 +15,7 @@ use vamvs_fusion::{FuseOptions, FusedPoints, FusionView, MapSource, Surface};
 use vamvs_io::IoError;
 use vamvs_io::ply::PlyWriter;
 
+use crate::event::{OnEvent, tell};
 use crate::{Event, Maps, VamvsError};
 use colmap::ColmapWorkspace;
 use depths::DepthFolder;
@@ -24,6 +25,7 @@ use thinned::Thinned;
 /// What is written beside the cloud.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct ExportOptions {
     /// For which programs, each in a folder of its name.
     pub programs: Vec<Program>,
@@ -112,7 +114,7 @@ impl<'a> Exporter<'a> {
         self,
         neighbours: &[Vec<usize>],
         filter: &FuseOptions,
-        on_event: &mut dyn FnMut(Event),
+        on_event: &mut OnEvent<'_>,
     ) -> Result<(), VamvsError> {
         self.ply.finish()?;
         let Exports { maps, .. } = self.exports;
@@ -167,7 +169,7 @@ impl<'a> Exports<'a> {
         &self,
         neighbours: &[Vec<usize>],
         filter: &FuseOptions,
-        on_event: &mut dyn FnMut(Event),
+        on_event: &mut OnEvent<'_>,
     ) -> Result<Vec<Pinhole>, VamvsError> {
         if self.colmap.is_none() && self.openmvs.is_none() && !self.depths.is_wanted() {
             return Ok(Vec::new());
@@ -181,7 +183,7 @@ impl<'a> Exports<'a> {
             Ok(loaded.map.camera)
         };
         let total = self.maps.len();
-        for_all_views(total, write, &mut |done| on_event(Event::Export { done, total }))
+        for_all_views(total, write, &mut |done| tell(on_event, Event::Export { done, total }))
     }
 
     fn write_for_programs(&self, view: &ExportedView, neighbours: &[usize]) -> Result<(), VamvsError> {
@@ -220,14 +222,14 @@ impl<'a> ExportedView<'a> {
 pub(crate) fn for_all_views<T: Send>(
     count: usize,
     work: impl Fn(usize) -> Result<T, VamvsError> + Sync,
-    on_done: &mut dyn FnMut(usize),
+    on_done: &mut dyn FnMut(usize) -> Result<(), VamvsError>,
 ) -> Result<Vec<T>, VamvsError> {
     let mut results = Vec::with_capacity(count);
     let views: Vec<usize> = (0..count).collect();
     for batch in views.chunks(rayon::current_num_threads()) {
         let done: Result<Vec<T>, VamvsError> = batch.par_iter().map(|&view| work(view)).collect();
         results.extend(done?);
-        on_done(results.len());
+        on_done(results.len())?;
     }
     Ok(results)
 }

@@ -15,6 +15,7 @@ use vamvs_io::masks::{self, Masks};
 use vamvs_io::ply::Coordinates;
 use vamvs_io::{image, pfm};
 
+use crate::event::{OnEvent, tell};
 use crate::export::for_all_views;
 use crate::output::{LeftOut, Record, names};
 use crate::{Event, OutputFolder, VamvsError};
@@ -59,16 +60,16 @@ impl Maps {
     /// # Errors
     /// If the folder is none of these, a file is missing or malformed, images are distorted, or there are
     /// fewer than two depth maps.
-    pub fn open(path: &Path, masks: Masks, on_event: &mut dyn FnMut(Event)) -> Result<Self, VamvsError> {
+    pub fn open(path: &Path, masks: Masks, on_event: &mut OnEvent<'_>) -> Result<Self, VamvsError> {
         let layout = Layout::of(path)?;
         let loaded = layout.read_scene()?;
-        loaded.warnings.into_iter().for_each(|warning| on_event(Event::Warning(warning)));
+        loaded.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
         let files: Vec<Option<MapFiles>> = layout.files(&loaded.scene.views);
         let kept: Vec<usize> = (0..files.len()).filter(|&view| files[view].is_some()).collect();
         let (missing, scene) = (files.len() - kept.len(), only(&loaded.scene, &kept));
         if missing > 0 {
             let text = format!("{missing} view(s) have a camera but no depth map and are left out");
-            on_event(Event::Warning(text));
+            tell(on_event, Event::Warning(text))?;
         }
         expect_two(kept.len(), &layout.depths())?;
         Ok(Self {
@@ -88,14 +89,14 @@ impl Maps {
     ///
     /// # Errors
     /// If fewer than two remain.
-    pub fn readable(mut self, on_event: &mut dyn FnMut(Event)) -> Result<Self, VamvsError> {
+    pub fn readable(mut self, on_event: &mut OnEvent<'_>) -> Result<Self, VamvsError> {
         let problem = |view: usize| Ok(self.checked(view).err().map(|error| error.in_full()));
-        let problems = for_all_views(self.len(), problem, &mut |_| ())?;
+        let problems = for_all_views(self.len(), problem, &mut |_| Ok(()))?;
         let kept: Vec<usize> = (0..self.len()).filter(|&view| problems[view].is_none()).collect();
         let names = self.names.iter().cloned().zip(problems);
         let left_out: Vec<LeftOut> =
             names.filter_map(|(view, problem)| Some(LeftOut { view, reason: problem? })).collect();
-        left_out.iter().for_each(|view| on_event(Event::left_out(view)));
+        left_out.iter().try_for_each(|view| tell(on_event, Event::left_out(view)))?;
         expect_two(kept.len(), &self.root)?;
         self.scene = only(&self.scene, &kept);
         self.cameras = kept.iter().map(|&view| self.cameras[view]).collect();

@@ -1,7 +1,6 @@
 //! One view after the other.
 
 use std::collections::{HashMap, HashSet};
-use std::path::Path;
 use std::rc::Rc;
 use std::time::Instant;
 
@@ -13,6 +12,8 @@ use super::{RefineJob, RefineSummary, Refined, refine_view};
 use crate::output::{LeftOut, Record, SavedMap, names};
 use vamvs_io::image;
 
+use crate::event::{OnEvent, tell};
+use crate::photographs::hash_file;
 use crate::{Event, OutputFolder, Pass, VamvsError, geometric};
 
 /// Changes whenever the same inputs give other depth maps.
@@ -59,13 +60,13 @@ impl<'a> Run<'a> {
         }
     }
 
-    pub fn views(mut self, on_event: &mut dyn FnMut(Event)) -> Result<RefineSummary, VamvsError> {
+    pub fn views(mut self, on_event: &mut OnEvent<'_>) -> Result<RefineSummary, VamvsError> {
         let names: Vec<&str> = self.job.maps.names().iter().map(String::as_str).collect();
-        self.job.output.expect_apart([self.job.photographs.folder()])?;
+        self.job.output.expect_apart(self.job.photographs.folder())?;
         self.job.output.expect_apart([self.job.maps.root().join("images").as_path()])?;
         self.job.output.prepare(&names)?;
         if self.job.geometric {
-            self.first.expect_apart([self.job.photographs.folder()])?;
+            self.first.expect_apart(self.job.photographs.folder())?;
             self.first.expect_apart([self.job.maps.root().join("images").as_path()])?;
             self.first.prepare(&names)?;
         }
@@ -78,7 +79,7 @@ impl<'a> Run<'a> {
                     let resumed = matches!(outcome, Outcome::Resumed);
                     let (name, done) = ((*name).to_owned(), map + 1);
                     let (pass, time) = (Pass::Final, begin.elapsed());
-                    on_event(Event::DepthMap { name, pass, done, total, resumed, time });
+                    tell(on_event, Event::DepthMap { name, pass, done, total, resumed, time })?;
                 }
                 Err(error) => self.leave_out(name, error.in_full(), on_event)?,
             }
@@ -147,12 +148,13 @@ impl<'a> Run<'a> {
         for source in self.sources[map].clone() {
             if let Ok(photo) = self.photo(source) {
                 self.ensure_first(source).ok();
-                sources.push((names[source].as_str(), photo));
+                sources.push((source, photo));
             }
         }
         let reference = self.photo(map)?;
         let begin = Instant::now();
-        let refined = geometric::refined(&self.first, &names[map], &reference, &sources, self.job.options)?;
+        let first = |map: usize| self.first.load(&names[map]).map(Rc::new);
+        let refined = geometric::refined(first, (map, &reference), &sources, self.job.options)?;
         self.summary.geometric += begin.elapsed();
         Ok(refined)
     }
@@ -231,10 +233,9 @@ impl<'a> Run<'a> {
         let mut hasher = blake3::Hasher::new();
         if let Some(view) = self.views[map].map(|view| &self.job.scene.views[view]) {
             hasher.update(format!("{:?} {:?}", view.camera, view.cam_from_world).as_bytes());
-            add(&mut hasher, &self.job.photographs.path(view));
-            self.job.photographs.mask_path(view).iter().for_each(|mask| add(&mut hasher, mask));
+            self.job.photographs.hash(view, &mut hasher);
         }
-        add(&mut hasher, self.job.maps.depth_file(map));
+        hash_file(self.job.maps.depth_file(map), &mut hasher);
         let hash = hasher.finalize();
         self.hashes.insert(map, hash);
         Ok(hash)
@@ -244,10 +245,10 @@ impl<'a> Run<'a> {
         &mut self,
         name: &str,
         reason: String,
-        on_event: &mut dyn FnMut(Event),
+        on_event: &mut OnEvent<'_>,
     ) -> Result<(), VamvsError> {
         let left_out = LeftOut { view: name.to_owned(), reason };
-        on_event(Event::left_out(&left_out));
+        tell(on_event, Event::left_out(&left_out))?;
         self.summary.skipped.push(left_out);
         self.job.output.discard(name)
     }
@@ -271,14 +272,6 @@ impl<'a> Run<'a> {
         self.job.output.write_pairs(&names, &there.iter().map(sources).collect::<Vec<_>>())?;
         self.job.output.write_left_out(&self.summary.skipped)?;
         Ok(self.summary)
-    }
-}
-
-/// Adds a file, or why it cannot be read: then the view is left out when its turn comes.
-fn add(hasher: &mut blake3::Hasher, path: &Path) {
-    let read = std::fs::File::open(path).and_then(|file| hasher.update_reader(file).map(drop));
-    if let Err(error) = read {
-        hasher.update(error.to_string().as_bytes());
     }
 }
 

@@ -13,6 +13,7 @@ use vamvs_io::{IoError, ply};
 use vamvs_picture::number::{grouped, percent};
 use vamvs_picture::{CloudView, Legend, Page, Scale, Share, ShownCamera};
 
+use crate::event::{OnEvent, tell};
 use crate::output::LeftOut;
 use crate::{Event, Maps, OutputFolder, VamvsError};
 pub use record::{FusedView, FusionRecord};
@@ -26,7 +27,7 @@ const COLOURS: [&str; 7] =
 ///
 /// # Errors
 /// If a file is missing or malformed, or the page cannot be written.
-pub fn write(maps: &Maps, on_event: &mut dyn FnMut(Event)) -> Result<PathBuf, VamvsError> {
+pub fn write(maps: &Maps, on_event: &mut OnEvent<'_>) -> Result<PathBuf, VamvsError> {
     let path = maps.root().join("report.html");
     Report::open(maps)?.page(on_event)?.save(&path)?;
     Ok(path)
@@ -52,7 +53,7 @@ impl<'a> Report<'a> {
         Ok(Self { maps, fusion, settings: text.transpose()?, left_out })
     }
 
-    fn page(&self, on_event: &mut dyn FnMut(Event)) -> Result<Page, VamvsError> {
+    fn page(&self, on_event: &mut OnEvent<'_>) -> Result<Page, VamvsError> {
         let mut page = Page::new(&self.title(), &self.lead());
         self.totals(&mut page);
         self.cloud(&mut page)?;
@@ -115,7 +116,7 @@ impl<'a> Report<'a> {
         Ok(())
     }
 
-    fn views(&self, page: &mut Page, on_event: &mut dyn FnMut(Event)) -> Result<(), VamvsError> {
+    fn views(&self, page: &mut Page, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
         page.heading("Views");
         page.legends(&[
             legend("depth, each view by itself", Scale::Turbo, "near", "far; grey: none"),
@@ -125,7 +126,7 @@ impl<'a> Report<'a> {
         let total = self.maps.len();
         let panels =
             crate::export::for_all_views(total, |view| ViewPanel::load(self.maps, view), &mut |done| {
-                on_event(Event::Report { done, total });
+                tell(on_event, Event::Report { done, total })
             })?;
         for panel in &panels {
             panel.add_to(page, self.fusion.as_ref().and_then(|fusion| fusion.pixels(panel.name())));

@@ -1,0 +1,165 @@
+//! Depth maps one after the other, for a program that keeps them itself.
+
+use std::collections::{HashMap, VecDeque};
+use std::rc::Rc;
+use std::time::Instant;
+
+use super::maker::{MadeMap, Maker};
+use crate::event::{OnEvent, tell};
+use crate::output::{LeftOut, LoadedMap, names};
+use crate::{Event, Pass, Prepared, VamvsError, ViewMap, ViewPlan};
+
+/// The depth maps of the planned views in their order, each made when it is asked for. No file is written.
+///
+/// Views that can have none are told as [`Event::Warning`]s and passed over. With two passes of refinement, what the first
+/// one made is kept in memory, 20 bytes a pixel, as long as a view to come needs it. After an error there is nothing more.
+pub struct DepthMaps<'a> {
+    work: &'a Prepared,
+    maker: Maker<'a>,
+    on_event: Box<OnEvent<'a>>,
+    names: Vec<String>,
+    /// Views to come.
+    waiting: VecDeque<usize>,
+    total: usize,
+    ready: VecDeque<ViewMap>,
+    /// What the first pass made, or why it could not.
+    first: HashMap<usize, Result<Rc<LoadedMap>, String>>,
+    /// For each view, how many views to come need its depth map of the first pass.
+    needed: Vec<usize>,
+}
+
+impl Prepared {
+    /// The depth maps of the planned views, each made when it is asked for.
+    pub fn depth_maps<'a>(&'a self, on_event: Box<OnEvent<'a>>) -> DepthMaps<'a> {
+        DepthMaps::new(self, on_event)
+    }
+}
+
+impl Iterator for DepthMaps<'_> {
+    type Item = Result<ViewMap, VamvsError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.ready.is_empty() {
+            let view = self.waiting.pop_front()?;
+            if let Err(error) = self.view(view) {
+                self.waiting.clear();
+                self.ready.clear();
+                return Some(Err(error));
+            }
+        }
+        self.ready.pop_front().map(Ok)
+    }
+}
+
+impl<'a> DepthMaps<'a> {
+    fn new(work: &'a Prepared, on_event: Box<OnEvent<'a>>) -> Self {
+        let waiting: VecDeque<usize> = (0..work.plan.views.len()).collect();
+        let mut needed = vec![0; waiting.len()];
+        waiting.iter().for_each(|&view| first_of(work, view).for_each(|view| needed[view] += 1));
+        Self {
+            work,
+            maker: Maker::new(work),
+            on_event,
+            names: names(&work.scene.views),
+            total: work.plan.views.iter().flatten().count(),
+            waiting,
+            ready: VecDeque::new(),
+            first: HashMap::new(),
+            needed,
+        }
+    }
+
+    /// How many views there are still to come, those without depth map included.
+    #[must_use]
+    pub fn left(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Makes the depth maps of one view; fails only if the caller wants to end.
+    fn view(&mut self, view: usize) -> Result<(), VamvsError> {
+        let (work, begin) = (self.work, Instant::now());
+        let name = work.scene.views[view].name.clone();
+        let made = match &work.plan.views[view] {
+            Err(reason) => Err(VamvsError::Request(reason.clone())),
+            Ok(plan) if work.has_two_passes() => self.twice_refined(view, plan).map(|map| vec![map]),
+            Ok(plan) => self.made(view, plan),
+        };
+        self.forget_first(view);
+        let maps = match made {
+            Ok(maps) => maps,
+            Err(VamvsError::Cancelled) => return Err(VamvsError::Cancelled),
+            Err(error) => {
+                let left_out = LeftOut { view: name, reason: error.in_full() };
+                return tell(&mut self.on_event, Event::left_out(&left_out));
+            }
+        };
+        let map_names = work.map_names(view, &self.names[view]);
+        let neighbours = &work.plan.neighbours[view];
+        let with_name = |(name, MadeMap { map, colour, normals })| {
+            let neighbours = neighbours.clone();
+            ViewMap { name, view, map, normals, colour, neighbours }
+        };
+        self.ready.extend(map_names.into_iter().zip(maps).map(with_name));
+        let waiting = self.waiting.iter().filter(|&&view| work.plan.views[view].is_ok()).count();
+        let (pass, done, total) = (Pass::Final, self.total - waiting, self.total);
+        let event = Event::DepthMap { name, pass, done, total, resumed: false, time: begin.elapsed() };
+        tell(&mut self.on_event, event)
+    }
+
+    fn made(&mut self, view: usize, plan: &ViewPlan) -> Result<Vec<MadeMap>, VamvsError> {
+        self.maker.stay_below_ceiling(&mut self.on_event)?;
+        Ok(self.maker.make(view, plan, &mut self.on_event)?.maps)
+    }
+
+    /// A depth map of both passes, after the first pass of the view and its source views.
+    fn twice_refined(&mut self, view: usize, plan: &ViewPlan) -> Result<MadeMap, VamvsError> {
+        for view in std::iter::once(view).chain(plan.sources.iter().copied()) {
+            self.ensure_first(view)?;
+        }
+        let made = &self.first;
+        let first = |view: usize| match made.get(&view) {
+            Some(Ok(map)) => Ok(map.clone()),
+            Some(Err(reason)) => Err(VamvsError::Request(reason.clone())),
+            None => Err(VamvsError::Request("it has no depth map".to_owned())),
+        };
+        self.maker.refine_again(view, plan, first)
+    }
+
+    /// Sees to it that the first pass of a view is done, as far as it can be.
+    fn ensure_first(&mut self, view: usize) -> Result<(), VamvsError> {
+        let work = self.work;
+        let Ok(plan) = &work.plan.views[view] else { return Ok(()) };
+        if self.first.contains_key(&view) {
+            return Ok(());
+        }
+        let made = match self.made(view, plan) {
+            Err(VamvsError::Cancelled) => return Err(VamvsError::Cancelled),
+            Err(error) => Err(error.in_full()),
+            Ok(maps) => {
+                let finest = maps.into_iter().next_back().map(|made| {
+                    let MadeMap { map, normals, .. } = made;
+                    Rc::new(LoadedMap { map, normals })
+                });
+                finest.ok_or_else(|| "it has no depth map".to_owned())
+            }
+        };
+        self.first.insert(view, made);
+        Ok(())
+    }
+
+    /// Drops what the first pass made that no view after this one needs.
+    fn forget_first(&mut self, view: usize) {
+        for first in first_of(self.work, view) {
+            self.needed[first] -= 1;
+            if self.needed[first] == 0 {
+                self.first.remove(&first);
+            }
+        }
+    }
+}
+
+/// The views whose depth maps of the first pass a view's depth map is made of.
+fn first_of(work: &Prepared, view: usize) -> impl Iterator<Item = usize> {
+    let plan = work.plan.views[view].as_ref().ok();
+    plan.into_iter().flat_map(move |plan| std::iter::once(view).chain(plan.sources.iter().copied()))
+}

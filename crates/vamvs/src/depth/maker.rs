@@ -1,0 +1,282 @@
+//! The depth maps of single views, made of photographs. Where they go is not known here.
+
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use vamvs_core::roi::PixelBox;
+use vamvs_core::{DepthMap, Grid, Photo, Planes, Rgb};
+use vamvs_io::image;
+use vamvs_net::{EncodedView, Profile};
+use vamvs_refine::Refined;
+
+use super::region::{covered, placed, remove_masked, rescaled, unmasked, widened};
+use crate::ceiling::Ceiling;
+use crate::event::{OnEvent, tell};
+use crate::feature_cache::{Encoded, FeatureCache};
+use crate::fit::most_bytes;
+use crate::output::LoadedMap;
+use crate::photographs::working_cameras;
+use crate::refinement::{BYTES_PER_PIXEL, Refinement, Seed, shares};
+use crate::{Event, Prepared, VamvsError, ViewPlan, memory};
+
+/// A depth this close to an end of its planes, as a share of them, sits at that end.
+const END_SHARE: f64 = 0.01;
+
+/// Share of the depths at an end of the range above which a warning is due.
+const MANY_AT_END: f64 = 0.25;
+
+/// Views whose features are kept beside those that one depth map compares.
+const BESIDE: usize = 3;
+
+/// Makes depth maps; keeps what the next ones need too, as far as there is memory for it.
+pub(super) struct Maker<'a> {
+    pub work: &'a Prepared,
+    pub features: FeatureCache<'a>,
+    pub refinement: Option<Refinement<'a>>,
+    /// Where the network's time went.
+    pub profile: Profile,
+    pub ceiling: Ceiling,
+    /// Views whose photographs cannot be used, with the reason.
+    unusable: BTreeMap<usize, String>,
+}
+
+/// A view's depth maps, the coarsest first, and what they were made of.
+pub(super) struct Made {
+    pub maps: Vec<MadeMap>,
+    /// The plan with the source views that could be used.
+    pub plan: ViewPlan,
+    /// Longer side of the photographs that the network saw at most, pixels.
+    pub network_size: usize,
+}
+
+/// A depth map with its photograph and, if it was refined, its normals in the world.
+pub(super) struct MadeMap {
+    pub map: DepthMap,
+    pub colour: Grid<Rgb>,
+    pub normals: Option<Grid<[f32; 3]>>,
+}
+
+impl Prepared {
+    /// Whether depth maps are refined twice. The coarse maps around a fovea are not.
+    pub(super) fn has_two_passes(&self) -> bool {
+        self.options.refine && self.options.geometric && !self.options.fovea
+    }
+
+    /// The names of a view's depth maps, of which `name` is the finest: with `--fovea` there are coarser maps before it,
+    /// named with what their size is divided by: `NAME@8` (with cells of 8), `NAME@4`, `NAME`.
+    pub(super) fn map_names(&self, view: usize, name: &str) -> Vec<String> {
+        let coarser = |scale: &usize| format!("{name}@{scale}");
+        match &self.plan.views[view] {
+            Ok(ViewPlan { foveated: true, region, .. }) => {
+                let scales = self.estimator.scales();
+                let (finest, coarse) = scales.split_last().expect("the coarse stage has a scale");
+                match region {
+                    Some(_) => coarse.iter().map(coarser).chain([name.to_owned()]).collect(),
+                    None => vec![coarser(coarse.first().unwrap_or(finest))],
+                }
+            }
+            _ => vec![name.to_owned()],
+        }
+    }
+
+    /// What refining the largest depth map takes, bytes.
+    fn refinement_bytes(&self) -> u64 {
+        if !self.options.refine {
+            return 0;
+        }
+        let cameras = working_cameras(&self.photographs.full(), &self.scene);
+        let largest = cameras.iter().map(|camera| camera.size.area() as u64).max();
+        largest.unwrap_or(0) * BYTES_PER_PIXEL
+    }
+}
+
+impl<'a> Maker<'a> {
+    pub fn new(work: &'a Prepared) -> Self {
+        let for_maps = most_bytes(&work.plan, &work.estimator).max(work.refinement_bytes());
+        let limit = work.options.max_memory;
+        let capacity = limit.left().saturating_sub(for_maps) as usize;
+        let kept = (capacity, work.options.views + BESIDE);
+        let (scene, photographs) = (&work.scene, &work.photographs);
+        let two_passes = work.has_two_passes();
+        Self {
+            work,
+            features: FeatureCache::new(scene, photographs.clone(), work.estimator.network(), kept),
+            refinement: work.options.refine.then(|| Refinement::new(scene, photographs, two_passes)),
+            profile: Profile::default(),
+            ceiling: Ceiling::new(limit, for_maps),
+            unusable: BTreeMap::new(),
+        }
+    }
+
+    /// Makes a view's depth maps; where memory does not suffice, with less of it, and then smaller ones.
+    pub fn make(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Made, VamvsError> {
+        match self.make_once(view, plan, on_event) {
+            Err(error) if error.is_out_of_memory() => self.make_with_less(view, plan, on_event),
+            made => made,
+        }
+    }
+
+    /// Refines a view's depth map once more with those of its source views; `first` tells what the first pass made.
+    pub fn refine_again(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        first: impl Fn(usize) -> Result<Rc<LoadedMap>, VamvsError>,
+    ) -> Result<MadeMap, VamvsError> {
+        let refinement = self.refinement.as_mut().expect("there are two passes of refinement");
+        Ok(refined_map(refinement.refine_again(view, &plan.sources, first)?))
+    }
+
+    /// Gives up all features: the network's work is done.
+    pub fn end_network(&mut self) {
+        self.features.clear();
+        memory::give_back();
+    }
+
+    /// The plan without source views that are known to be unusable.
+    pub fn usable(&self, plan: &ViewPlan) -> ViewPlan {
+        let mut usable = plan.clone();
+        usable.sources.retain(|source| !self.unusable.contains_key(source));
+        usable
+    }
+
+    /// Makes a view's depth maps with the source views that can be used.
+    pub fn make_once(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Made, VamvsError> {
+        let reference = self.encoded(view, on_event)?;
+        let mut sources = Vec::with_capacity(plan.sources.len());
+        let mut used = Vec::with_capacity(plan.sources.len());
+        for &source in &plan.sources {
+            match self.encoded(source, on_event) {
+                Ok(encoded) => {
+                    sources.push(encoded);
+                    used.push(source);
+                }
+                Err(error) if error.ends_run() => return Err(error),
+                Err(_) => {} // It is told where its own turn comes.
+            }
+        }
+        if sources.is_empty() {
+            return Err(VamvsError::Request("none of its source views can be used".to_owned()));
+        }
+        let planned_size = self.work.plan.cameras[view].size;
+        let region = plan.region.map(|region| rescaled(region, planned_size, reference.photo.camera.size));
+        let region = if plan.foveated { region } else { unmasked(region, &reference.photo) };
+        let (maps, visibility) = self.maps(&reference, &sources, (plan, region))?;
+        if plan.region.is_none() {
+            let name = &self.work.scene.views[view].name;
+            maps.iter().try_for_each(|map| warn_of_range_ends(name, map, &plan.planes, on_event))?;
+        }
+        let mut maps: Vec<MadeMap> =
+            maps.into_iter().map(|map| MadeMap::new(map, &reference.photo)).collect();
+        drop(sources);
+        if let (Some(refinement), Some(finest)) = (&mut self.refinement, maps.last_mut()) {
+            let region = region.filter(|_| plan.region.is_some());
+            let region = region.map(|region| shares(region, reference.photo.camera.size));
+            // Of a view far from the region there is the coarse map alone, which stays coarse.
+            if !plan.foveated || region.is_some() {
+                let seed = Seed { map: &finest.map, visibility: &visibility, region };
+                *finest = refined_map(refinement.refine(view, &used, &seed)?);
+            }
+        }
+        Ok(Made { maps, plan: self.usable(plan), network_size: self.features.photographs.max_size() })
+    }
+
+    /// A photograph's features. What cannot be read is not tried twice.
+    fn encoded(&mut self, view: usize, on_event: &mut OnEvent<'_>) -> Result<Rc<Encoded>, VamvsError> {
+        if let Some(reason) = self.unusable.get(&view) {
+            return Err(VamvsError::Request(reason.clone()));
+        }
+        let encoded = self.features.get(view, &mut self.profile, on_event);
+        if let Err(error) = &encoded
+            && !error.ends_run()
+        {
+            self.unusable.insert(view, error.in_full());
+        }
+        encoded
+    }
+
+    fn maps(
+        &mut self,
+        reference: &Encoded,
+        sources: &[Rc<Encoded>],
+        (plan, region): (&ViewPlan, Option<PixelBox>),
+    ) -> Result<(Vec<DepthMap>, Vec<Grid<f32>>), VamvsError> {
+        let (estimator, planes, profile) = (&self.work.estimator, &plan.planes, &mut self.profile);
+        let sources: Vec<&EncodedView> = sources.iter().map(|source| &source.features).collect();
+        let photo = &reference.photo;
+        let mut visibility = Vec::new();
+        let mut maps = match region {
+            _ if plan.foveated => {
+                estimator.estimate_foveated(&reference.features, &sources, planes, region, profile)?
+            }
+            None => {
+                let (map, seen) = estimator.estimate_seen(&reference.features, &sources, planes, profile)?;
+                visibility = seen;
+                vec![map]
+            }
+            Some(region) => {
+                let (part, place) = reference.features.cropped(&widened(region, photo.camera.size))?;
+                let map = estimator.estimate(&part, &sources, planes, profile)?;
+                vec![placed(&map, photo.camera, place, region)]
+            }
+        };
+        if let Some(mask) = &photo.mask {
+            maps.iter_mut().for_each(|map| remove_masked(map, mask, map.scale_in(&photo.camera)));
+        }
+        Ok((maps, visibility))
+    }
+}
+
+impl MadeMap {
+    /// A depth map as the network gives it, with the photograph at its size.
+    fn new(map: DepthMap, photo: &Photo) -> Self {
+        let size = map.depth.size();
+        let scale = map.scale_in(&photo.camera);
+        let colour = image::resize(&covered(&photo.image, size, scale), size);
+        Self { map, colour, normals: None }
+    }
+}
+
+/// A refined depth map with its photograph.
+fn refined_map((refined, photo): (Refined, Rc<Photo>)) -> MadeMap {
+    let normals = Some(refined.normals_in_world());
+    MadeMap { colour: image::resize(&photo.image, refined.map.depth.size()), normals, map: refined.map }
+}
+
+fn warn_of_range_ends(
+    name: &str,
+    map: &DepthMap,
+    planes: &Planes,
+    on_event: &mut OnEvent<'_>,
+) -> Result<(), VamvsError> {
+    let last = (planes.count - 1) as f64;
+    let confident =
+        map.depth.data().iter().zip(map.confidence.data()).filter(|(d, c)| **d > 0.0 && **c > 0.5);
+    let (mut total, mut near, mut far) = (0_usize, 0_usize, 0_usize);
+    for (depth, _) in confident {
+        let share = planes.coordinate(f64::from(*depth)) / last;
+        total += 1;
+        near += usize::from(share < END_SHARE);
+        far += usize::from(share > 1.0 - END_SHARE);
+    }
+    for (count, end, value) in [(near, "near", planes.range.near), (far, "far", planes.range.far)] {
+        if count as f64 > MANY_AT_END * total as f64 && total > 0 {
+            let share = 100.0 * count as f64 / total as f64;
+            let text = format!(
+                "{name}: {share:.0} % of the depths sit at the {end} end {value:.4} of the range: it may be too narrow (--depth-range)"
+            );
+            tell(on_event, Event::Warning(text))?;
+        }
+    }
+    Ok(())
+}

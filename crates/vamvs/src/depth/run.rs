@@ -1,0 +1,215 @@
+//! The first pass over the views, to a folder, and what remains to be written when all views are done.
+
+use std::collections::{BTreeSet, HashMap};
+use std::time::Instant;
+
+use vamvs_core::Source;
+
+use super::maker::{Made, MadeMap, Maker};
+use super::{DepthJob, DepthSummary};
+use crate::event::{OnEvent, tell};
+use crate::identity::Identity;
+use crate::output::{LeftOut, Record, SavedMap, names};
+use crate::refinement::Refinement;
+use crate::{Event, OutputFolder, Pass, Prepared, VamvsError, ViewPlan};
+
+pub(super) struct Run<'a> {
+    pub maker: Maker<'a>,
+    pub work: &'a Prepared,
+    pub output: &'a OutputFolder,
+    pub force: bool,
+    pub names: Vec<String>,
+    identity: Identity<'a>,
+    /// Where the first pass leaves its depth maps.
+    pub first: OutputFolder,
+    /// With two passes, the views whose depth maps were there before.
+    pub done: BTreeSet<usize>,
+    pub left_out: BTreeSet<usize>,
+    pub summary: DepthSummary,
+}
+
+/// What became of a view.
+enum Outcome {
+    Made,
+    Resumed,
+    /// Has no depth map, for this reason.
+    LeftOut(String),
+}
+
+/// Where the first pass leaves its depth maps: where they stay, or beside, if there is another pass.
+pub(super) fn first_folder(job: &DepthJob<'_>) -> OutputFolder {
+    if job.work.has_two_passes() { job.output.photometric() } else { job.output.clone() }
+}
+
+impl<'a> Run<'a> {
+    pub fn new(job: &DepthJob<'a>) -> Self {
+        Self {
+            maker: Maker::new(job.work),
+            work: job.work,
+            output: job.output,
+            force: job.force,
+            names: names(&job.work.scene.views),
+            identity: Identity::new(job.work),
+            first: first_folder(job),
+            done: BTreeSet::new(),
+            left_out: BTreeSet::new(),
+            summary: DepthSummary::default(),
+        }
+    }
+
+    pub fn all_views(mut self, on_event: &mut OnEvent<'_>) -> Result<DepthSummary, VamvsError> {
+        if self.work.has_two_passes() {
+            self.find_done();
+            self.first_pass(Pass::Photometric, on_event)?;
+            self.geometric_pass(on_event)?;
+        } else {
+            self.first_pass(Pass::Final, on_event)?;
+        }
+        self.finish()
+    }
+
+    fn first_pass(&mut self, pass: Pass, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
+        let (work, needed) = (self.work, self.needed());
+        let plans = work.plan.views.iter().enumerate().filter(|(view, _)| needed.contains(view));
+        let total = plans.clone().filter(|(_, plan)| plan.is_ok()).count();
+        let mut done = 0;
+        for (view, plan) in plans {
+            let name = work.scene.views[view].name.clone();
+            let begin = Instant::now();
+            self.maker.stay_below_ceiling(on_event)?;
+            let outcome = match plan {
+                Ok(plan) => self.view(view, plan, on_event)?,
+                Err(reason) => Outcome::LeftOut(reason.clone()),
+            };
+            done += usize::from(plan.is_ok());
+            if let Outcome::LeftOut(reason) = outcome {
+                self.leave_out(view, LeftOut { view: name, reason }, on_event)?;
+                continue;
+            }
+            let resumed = matches!(outcome, Outcome::Resumed);
+            if pass == Pass::Final {
+                self.count(resumed);
+            }
+            tell(on_event, Event::DepthMap { name, pass, done, total, resumed, time: begin.elapsed() })?;
+        }
+        Ok(())
+    }
+
+    pub fn count(&mut self, resumed: bool) {
+        let count = if resumed { &mut self.summary.resumed } else { &mut self.summary.made };
+        *count += 1;
+    }
+
+    pub fn leave_out(
+        &mut self,
+        view: usize,
+        left_out: LeftOut,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<(), VamvsError> {
+        tell(on_event, Event::left_out(&left_out))?;
+        self.left_out.insert(view);
+        self.summary.skipped.push(left_out);
+        self.map_names(view).iter().try_for_each(|name| {
+            self.first.discard(name)?;
+            self.output.discard(name)
+        })
+    }
+
+    fn map_names(&self, view: usize) -> Vec<String> {
+        self.work.map_names(view, &self.names[view])
+    }
+
+    /// Makes one depth map unless it is there. Fails only if it cannot be saved, or the caller wants to end.
+    fn view(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Outcome, VamvsError> {
+        if self.is_there(view, &self.planned_record(view, plan)) {
+            return Ok(Outcome::Resumed);
+        }
+        let made = match self.maker.make(view, plan, on_event) {
+            Ok(made) => made,
+            Err(VamvsError::Cancelled) => return Err(VamvsError::Cancelled),
+            Err(error) => return Ok(Outcome::LeftOut(error.in_full())),
+        };
+        let record = self.record(view, &made.plan, made.network_size);
+        if self.is_there(view, &record) {
+            return Ok(Outcome::Resumed);
+        }
+        self.save(view, &made, &record)?;
+        Ok(Outcome::Made)
+    }
+
+    fn save(&mut self, view: usize, made: &Made, record: &Record) -> Result<(), VamvsError> {
+        let begin = Instant::now();
+        for (name, MadeMap { map, colour, normals }) in self.map_names(view).iter().zip(&made.maps) {
+            let saved = SavedMap { map, range: made.plan.planes.range, colour, normals: normals.as_ref() };
+            self.first.save(name, &saved, record)?;
+        }
+        self.summary.writing += begin.elapsed();
+        Ok(())
+    }
+
+    /// Whether there are undamaged depth maps that were made of the same.
+    fn is_there(&self, view: usize, record: &Record) -> bool {
+        let output = &self.first;
+        let same = |saved: Record| saved.made_of == record.made_of;
+        let is_saved = |name: &String| output.saved(name).is_some_and(same) && output.is_readable(name);
+        !self.force && self.map_names(view).iter().all(is_saved)
+    }
+
+    /// The record of a depth map that is made with all source views that are not known to be unusable.
+    pub fn planned_record(&self, view: usize, plan: &ViewPlan) -> Record {
+        self.record(view, &self.maker.usable(plan), self.maker.features.photographs.max_size())
+    }
+
+    fn record(&self, view: usize, plan: &ViewPlan, network_size: usize) -> Record {
+        let photographs = self.work.photographs.reduced_to(network_size);
+        let refined = self.maker.refinement.as_ref().map(Refinement::options);
+        Record {
+            made_of: self.identity.of(view, plan, &photographs, refined),
+            planes: Some(plan.planes),
+            sources: plan.sources.iter().map(|&source| self.names[source].clone()).collect(),
+        }
+    }
+
+    /// Writes `pair.txt` of the views that have a depth map, and which have none. That none has one is an error.
+    fn finish(self) -> Result<DepthSummary, VamvsError> {
+        let there: Vec<usize> = (0..self.names.len()).filter(|view| !self.left_out.contains(view)).collect();
+        if let (true, Some(LeftOut { view, reason })) = (there.is_empty(), self.summary.skipped.first()) {
+            return Err(VamvsError::Request(format!("no depth map could be made: {view}: {reason}")));
+        }
+        let of_view = |&view: &usize| self.map_names(view).into_iter().map(move |name| (view, name));
+        let maps: Vec<(usize, String)> = there.iter().flat_map(of_view).collect();
+        let mut numbers: HashMap<usize, Vec<usize>> = HashMap::new();
+        // The finest map of a view first.
+        let finest_first = maps.iter().enumerate().rev();
+        finest_first.for_each(|(number, (view, _))| numbers.entry(*view).or_default().push(number));
+        let neighbours = |(view, _): &(usize, String)| -> Vec<Source> {
+            let maps_of = |&Source { view, score }: &Source| {
+                let maps = numbers.get(&view).into_iter().flatten();
+                maps.map(move |&number| Source { view: number, score })
+            };
+            self.work.plan.neighbours[*view].iter().flat_map(maps_of).collect()
+        };
+        let names: Vec<&str> = maps.iter().map(|(_, name)| name.as_str()).collect();
+        self.output.write_pairs(&names, &maps.iter().map(neighbours).collect::<Vec<_>>())?;
+        self.output.write_left_out(&self.summary.skipped)?;
+        Ok(self.timed())
+    }
+
+    /// The summary with all times.
+    fn timed(self) -> DepthSummary {
+        let Self { mut summary, maker, .. } = self;
+        summary.profile = maker.profile;
+        summary.reading += maker.features.reading;
+        if let Some(refinement) = &maker.refinement {
+            summary.reading += refinement.reading;
+            summary.refining += refinement.refining;
+            summary.refining_again += refinement.refining_again;
+        }
+        summary
+    }
+}

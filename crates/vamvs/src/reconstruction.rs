@@ -1,0 +1,171 @@
+//! One way in for programs: from a scene to its depth maps and its cloud.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use vamvs_core::Scene;
+use vamvs_io::Loaded;
+use vamvs_io::masks::Masks;
+use vamvs_net::{Estimator, EstimatorOptions, open_device};
+
+use crate::depth::{DepthJob, DepthSummary};
+use crate::event::{OnEvent, tell};
+use crate::photographs::Origin;
+use crate::{
+    DepthOptions, Event, ExportOptions, FuseSummary, FusionOptions, Maps, OutputFolder, PhotoSource,
+    Photographs, Prepared, VamvsError, fit, weights,
+};
+
+/// A scene, and how it shall be reconstructed; what is not said is as in the `vamvs` command.
+///
+/// ```no_run
+/// use std::ops::ControlFlow;
+/// use vamvs::{Input, Reconstruction};
+///
+/// # fn main() -> Result<(), vamvs::VamvsError> {
+/// let scene = Input::Colmap { model: "sparse/0".into(), images: "images".into() }.load()?;
+/// let done = Reconstruction::new(scene).run("out".as_ref(), &mut |event| {
+///     eprintln!("{event:?}");
+///     ControlFlow::Continue(())
+/// })?;
+/// println!("{} points", done.fusion.points);
+/// # Ok(())
+/// # }
+/// ```
+#[must_use]
+pub struct Reconstruction {
+    scene: Scene,
+    origin: Origin,
+    warnings: Vec<String>,
+    weights: Option<PathBuf>,
+    device: Option<String>,
+    depth: DepthOptions,
+    fusion: FusionOptions,
+    exports: ExportOptions,
+    force: bool,
+}
+
+/// What [`Reconstruction::run`] did.
+#[derive(Clone, Debug)]
+pub struct Reconstructed {
+    /// The depth maps.
+    pub depth: DepthSummary,
+    /// The cloud.
+    pub fusion: FuseSummary,
+    /// The cloud's file.
+    pub cloud: PathBuf,
+}
+
+impl Reconstruction {
+    /// Of a scene as [`crate::Input::load`] read it, with its photographs and masks.
+    pub fn new(loaded: Loaded) -> Self {
+        let Loaded { scene, images, masks, warnings, .. } = loaded;
+        Self { warnings, ..Self::of(scene, Origin::Files { images, masks }) }
+    }
+
+    /// Of a scene whose photographs the program has itself.
+    pub fn with_photographs(scene: Scene, photographs: impl PhotoSource + 'static) -> Self {
+        Self::of(scene, Origin::Program(Arc::new(photographs)))
+    }
+
+    fn of(scene: Scene, origin: Origin) -> Self {
+        Self {
+            scene,
+            origin,
+            warnings: Vec::new(),
+            weights: None,
+            device: None,
+            depth: DepthOptions::default(),
+            fusion: FusionOptions::default(),
+            exports: ExportOptions::default(),
+            force: false,
+        }
+    }
+
+    /// The network: the name of one that is built in, or a module's file.
+    pub fn weights(self, weights: impl Into<PathBuf>) -> Self {
+        Self { weights: Some(weights.into()), ..self }
+    }
+
+    /// Where the network runs: `auto`, `cpu`, `cuda` or `cuda:N`.
+    pub fn device(self, device: impl Into<String>) -> Self {
+        Self { device: Some(device.into()), ..self }
+    }
+
+    /// How depth maps are made.
+    pub fn depth(self, depth: DepthOptions) -> Self {
+        Self { depth, ..self }
+    }
+
+    /// How depth maps become a cloud.
+    pub fn fusion(self, fusion: FusionOptions) -> Self {
+        Self { fusion, ..self }
+    }
+
+    /// What other programs get beside the cloud.
+    pub fn exports(self, exports: ExportOptions) -> Self {
+        Self { exports, ..self }
+    }
+
+    /// Masks of the photographs' files instead of those that were found with the scene.
+    pub fn masks(mut self, wanted: Masks) -> Self {
+        if let Origin::Files { masks, .. } = &mut self.origin {
+            *masks = wanted;
+        }
+        self
+    }
+
+    /// Whether to make depth maps anew that are in the output folder already.
+    pub fn force(self, force: bool) -> Self {
+        Self { force, ..self }
+    }
+
+    /// Loads the network and decides what will be done for each view, so that depth maps fit into the memory.
+    ///
+    /// # Errors
+    /// If the module is none, the device is not there, an option makes no sense, no view has another one that sees the
+    /// same surfaces, or `on_event` breaks.
+    pub fn prepare(self, on_event: &mut OnEvent<'_>) -> Result<Prepared, VamvsError> {
+        self.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
+        let mut estimator = estimator(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
+        let photographs = Photographs::of(self.origin, &self.depth);
+        let (photographs, plan) =
+            fit::fitting(&self.scene, &photographs, &self.depth, &mut estimator, on_event)?;
+        let module = blake3::hash(&weights::bytes(self.weights.as_deref())?);
+        Ok(Prepared { scene: self.scene, photographs, plan, estimator, module, options: self.depth })
+    }
+
+    /// Makes the depth maps of all views and fuses them into `fused.ply`, both in the folder `out`. A run that was
+    /// interrupted goes on where it was.
+    ///
+    /// # Errors
+    /// As [`Reconstruction::prepare`], [`crate::estimate`] and [`crate::fuse`].
+    pub fn run(self, out: &Path, on_event: &mut OnEvent<'_>) -> Result<Reconstructed, VamvsError> {
+        let output = OutputFolder::new(out);
+        let (fusion, exports, force) = (self.fusion.clone(), self.exports.clone(), self.force);
+        let work = self.prepare(on_event)?;
+        exports.expect_apart(out, work.photographs.folder())?;
+        let depth = crate::estimate(&DepthJob { work: &work, output: &output, force }, on_event)?;
+        // Masked pixels have no depth already.
+        let maps = Maps::open(out, Masks::None, on_event)?;
+        let cloud = output.cloud();
+        let fusion = crate::fuse(&maps, &cloud, &fusion, &exports, on_event)?;
+        Ok(Reconstructed { depth, fusion, cloud })
+    }
+}
+
+/// The network with at most as many iterations as are wanted.
+fn estimator(
+    weights: Option<&Path>,
+    device: Option<&str>,
+    depth: &DepthOptions,
+) -> Result<Estimator, VamvsError> {
+    let device = open_device(device.unwrap_or("auto"))?;
+    let mut network = weights::load(weights, device)?;
+    if let Some(cells) = depth.cells {
+        network.set_cells(cells)?;
+    }
+    let mut options = EstimatorOptions::of(&network);
+    options.iterations.truncate(depth.iterations.unwrap_or(usize::MAX));
+    Ok(Estimator::new(network, options)?)
+}

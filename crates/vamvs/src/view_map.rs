@@ -1,0 +1,108 @@
+//! Depth maps in memory.
+
+use std::collections::HashMap;
+use std::convert::Infallible;
+
+use vamvs_core::{Cloud, DepthMap, Grid, Pinhole, Rgb, Scene, Source, View, view_selection};
+use vamvs_fusion::{FuseEvent, FuseJob, FusedPoints, FusionView, MapSource, MaskedMap};
+
+use crate::event::OnEvent;
+use crate::{Event, FusionOptions, VamvsError};
+
+/// A depth map with all that fusion needs of its view.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewMap {
+    /// The name: that of the photograph without extension, and with `@8` or `@4` for a coarse map beside a fovea.
+    pub name: String,
+    /// The view, an index into the scene's.
+    pub view: usize,
+    /// Depth and confidence, with their camera and pose.
+    pub map: DepthMap,
+    /// Unit normals in the world's frame, towards the camera, 0 where there is no depth; `None` without refinement.
+    pub normals: Option<Grid<[f32; 3]>>,
+    /// The undistorted photograph at the depth map's size.
+    pub colour: Grid<Rgb>,
+    /// Other views of the scene that may see the same surfaces, best first; where no map tells any, fusion chooses from
+    /// the cameras.
+    pub neighbours: Vec<Source>,
+}
+
+/// Fuses depth maps that are in memory into a cloud in memory.
+///
+/// # Errors
+/// If an option makes no sense, a grid has not its depth map's size, or `on_event` breaks.
+pub fn fuse_in_memory(
+    maps: &[ViewMap],
+    options: &FusionOptions,
+    on_event: &mut OnEvent<'_>,
+) -> Result<Cloud, VamvsError> {
+    let (source, neighbours) = (InMemory(maps), neighbours(maps, options.neighbours));
+    let job = FuseJob {
+        source: &source,
+        neighbours: &neighbours,
+        options: &options.filter,
+        roi: options.roi,
+        memory: options.max_memory.left() as usize,
+    };
+    let (mut done, total) = (0, 2 * maps.len());
+    let mut progress = |_: FuseEvent| {
+        done += 1;
+        on_event(Event::Fusion { done, total })
+    };
+    let mut cloud = Cloud::new();
+    let mut sink = |fused: &FusedPoints| {
+        cloud.extend_from_slice(fused.points());
+        Ok(())
+    };
+    vamvs_fusion::fuse(&job, &mut sink, &mut progress)?;
+    Ok(cloud)
+}
+
+struct InMemory<'a>(&'a [ViewMap]);
+
+impl MapSource for InMemory<'_> {
+    type Error = Infallible;
+
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    fn load(&self, view: usize) -> Result<FusionView, Infallible> {
+        let ViewMap { map, normals, colour, .. } = self.0[view].clone();
+        Ok(FusionView { map, mask: None, colour, normals })
+    }
+
+    fn load_map(&self, view: usize) -> Result<MaskedMap, Infallible> {
+        Ok(MaskedMap { map: self.0[view].map.clone(), mask: None })
+    }
+}
+
+/// For each map, the maps of at most `count` other views that see the same surfaces.
+fn neighbours(maps: &[ViewMap], count: usize) -> Vec<Vec<usize>> {
+    if maps.iter().all(|map| map.neighbours.is_empty()) {
+        return by_cameras(maps, count);
+    }
+    let mut of_view: HashMap<usize, Vec<usize>> = HashMap::new();
+    for (number, map) in maps.iter().enumerate() {
+        of_view.entry(map.view).or_default().push(number);
+    }
+    let maps_of = |source: &Source| of_view.get(&source.view).cloned().unwrap_or_default();
+    let there = |source: &&Source| of_view.contains_key(&source.view);
+    let others = |map: &ViewMap| map.neighbours.iter().filter(there).take(count).flat_map(maps_of).collect();
+    maps.iter().map(others).collect()
+}
+
+fn by_cameras(maps: &[ViewMap], count: usize) -> Vec<Vec<usize>> {
+    let view = |(id, map): (usize, &ViewMap)| View {
+        id: id as u32,
+        name: map.name.clone(),
+        camera: map.map.camera.into(),
+        cam_from_world: map.map.cam_from_world,
+        depth_range: None,
+    };
+    let views = maps.iter().enumerate().map(view).collect();
+    let scene = Scene { views, points: Vec::new(), pairs: None };
+    let cameras: Vec<Pinhole> = maps.iter().map(|map| map.map.camera).collect();
+    let selected = view_selection::select(&scene, &cameras, count);
+    selected.iter().map(|sources| sources.iter().map(|source| source.view).collect()).collect()
+}
