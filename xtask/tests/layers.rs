@@ -12,7 +12,7 @@ const LAYERS: [&[&str]; 7] = [
     &["vamvs-synth", "vamvs-train"],
     &["vamvs"],
     &["vamvs-cli", "vamvs-tests"],
-    &["vamvs-checks", "xtask"],
+    &["vamvs-checks", "vamvs-python", "xtask"],
 ];
 
 /// The crates that may use tch, and with it libtorch.

@@ -1,0 +1,29 @@
+//! The `vamvs` command: photographs with known cameras in, one dense, coloured cloud out.
+
+mod arguments;
+mod command;
+#[cfg(feature = "net")]
+mod heap;
+mod interrupt;
+mod progress;
+mod settings;
+mod timing;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+/// Runs the command with these arguments, of which the first is the program's name. What is wrong with them, and `--help`,
+/// ends the process.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments = arguments::Arguments::parse_from(arguments);
+    let run = || interrupt::watch(arguments.command.resumption()).and_then(|()| command::run(&arguments));
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,75 @@
+"""Photographs with known cameras in, depth maps and one dense, coloured point cloud out.
+
+    import vamvs
+
+    done = vamvs.reconstruct(colmap="sparse/0", images="images", out="out")
+    print(done.points, "points in", done.cloud)
+
+or step by step, with NumPy arrays in between and no file written:
+
+    scene = vamvs.Scene.from_colmap("sparse/0", "images")
+    maps = list(scene.depth_maps(weights="vis-corr"))
+    vamvs.fuse(maps).save("cloud.ply")
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import os
+import sys
+from pathlib import Path
+
+__all__ = ["Cloud", "DepthMap", "DepthMaps", "Error", "Reconstructed", "Scene", "__version__", "fuse", "reconstruct"]
+
+# Those of the torch package that the extension needs, each after what it needs itself.
+_LIBRARIES = ("libc10.so", "libtorch_cpu.so")
+# Those that make GPUs usable, where they are.
+_CUDA = ("libc10_cuda.so", "libtorch_cuda.so")
+
+
+def _load():
+    """The extension, after the libtorch that it is linked with: the one of the torch package."""
+    if (loaded := sys.modules.get("vamvs._vamvs")) is not None:
+        return loaded
+    torch = importlib.util.find_spec("torch")
+    if torch is None or not torch.submodule_search_locations:
+        raise ImportError("vamvs needs the package torch, version 2.11.0: pip install torch==2.11.0")
+    folder = Path(torch.submodule_search_locations[0]) / "lib"
+    if "torch" not in sys.modules:
+        _load_libraries(folder)
+    from . import _vamvs
+
+    return _vamvs
+
+
+def _load_libraries(folder: Path) -> None:
+    # libtorch_cpu.so asks for two libraries of CUDA even without a GPU; torch's own loader finds them in the packages
+    # beside it, by the run path that the libraries have.
+    if not (folder / "libtorch_cpu.so").is_file():
+        import torch  # noqa: F401  (another platform: torch knows its libraries)
+
+        return
+    for name in _LIBRARIES:
+        ctypes.CDLL(str(folder / name))
+    if Path("/dev/nvidiactl").exists():
+        for name in _CUDA:
+            if (folder / name).is_file():
+                ctypes.CDLL(str(folder / name))
+
+
+def __getattr__(name: str):
+    if name in __all__:
+        return getattr(_load(), name)
+    raise AttributeError(f"module 'vamvs' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+def _command() -> None:
+    """The command `vamvs`."""
+    # Waiting threads sleep: beside other programs that is several times as fast.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    sys.exit(_load()._run(sys.argv))
