@@ -33,6 +33,7 @@ pub const WHEELS: [Wheel; 3] = [
             ("torch/lib/libc10.so", "lib/libc10.so"),
             ("torch/lib/libgomp.so.1", "lib/libgomp.so.1"),
             ("torch/lib/libtorch_cpu.so", "lib/libtorch_cpu.so"),
+            ("torch-2.11.0.dist-info/licenses/", "licenses/torch/"),
         ],
     },
     Wheel {
@@ -40,14 +41,20 @@ pub const WHEELS: [Wheel; 3] = [
         platform: "manylinux2014_x86_64",
         file: "nvidia_cuda_runtime-13.0.96-py3-none-manylinux2014_x86_64.manylinux_2_17_x86_64.whl",
         sha256: "7f82250d7782aa23b6cfe765ecc7db554bd3c2870c43f3d1821f1d18aebf0548",
-        parts: &[("nvidia/cu13/lib/libcudart.so.13", "lib/libcudart.so.13")],
+        parts: &[
+            ("nvidia/cu13/lib/libcudart.so.13", "lib/libcudart.so.13"),
+            ("nvidia_cuda_runtime-13.0.96.dist-info/licenses/", "licenses/cuda-runtime/"),
+        ],
     },
     Wheel {
         requirement: "nvidia-cuda-cupti==13.0.85",
         platform: "manylinux_2_25_x86_64",
         file: "nvidia_cuda_cupti-13.0.85-py3-none-manylinux_2_25_x86_64.whl",
         sha256: "4eb01c08e859bf924d222250d2e8f8b8ff6d3db4721288cf35d14252a4d933c8",
-        parts: &[("nvidia/cu13/lib/libcupti.so.13", "lib/libcupti.so.13")],
+        parts: &[
+            ("nvidia/cu13/lib/libcupti.so.13", "lib/libcupti.so.13"),
+            ("nvidia_cuda_cupti-13.0.85.dist-info/licenses/", "licenses/cuda-cupti/"),
+        ],
     },
 ];
 

@@ -5,9 +5,11 @@
 
 mod bench;
 mod check;
+mod dist;
 mod fuzz;
 mod libtorch;
 mod pip;
+mod python;
 mod setup;
 mod step;
 mod test;
@@ -29,6 +31,8 @@ enum Command {
     /// Reconstruct a rendered still life, compare the cloud with the truth and show it all on one page.
     Demo(Check),
     Test(test::Test),
+    Dist(dist::Dist),
+    Wheel(python::Wheel),
     Bench(bench::Bench),
     Fuzz(fuzz::Fuzz),
     /// Render a PLY cloud to a PNG, seen from where most of its surface is visible.
@@ -49,6 +53,8 @@ fn main() -> ExitCode {
     let done = match Command::parse() {
         Command::Setup(setup) => setup.run(),
         Command::Test(test) => test.run(),
+        Command::Dist(dist) => dist.run(),
+        Command::Wheel(wheel) => wheel.run(),
         Command::Bench(bench) => bench.run(),
         Command::Fuzz(fuzz) => fuzz.run(),
         Command::Demo(check) => check.run("demo"),

@@ -43,15 +43,16 @@ pub fn download(wheel: &Wheel, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Installs a package and all that it depends on into a folder.
-pub fn install(requirement: &str, folder: &Path) -> Result<()> {
+/// Installs packages and all that they depend on into a folder, which takes so much `room`.
+pub fn install(requirements: &[&str], folder: &Path, room: &str) -> Result<()> {
     let mut command = python();
-    command.args(["-m", "pip", "install", "--only-binary=:all:", "--upgrade", "--target"]);
-    let status = command.arg(folder).arg(requirement).status().context("python3 could not be started")?;
+    command.args(["-m", "pip", "install", "--quiet", "--only-binary=:all:", "--upgrade", "--target"]);
+    let status = command.arg(folder).args(requirements).status().context("python3 could not be started")?;
     ensure!(
         status.success(),
-        "pip could not install {requirement} (its message is above). Is this machine online, and are there \
-         10 GB of room on the disk?"
+        "pip could not install {} (its message is above). Is this machine online, and are there {room} of room on \
+         the disk?",
+        requirements.join(", ")
     );
     Ok(())
 }

@@ -112,7 +112,7 @@ fn install_cpu(folder: &Path) -> Result<()> {
     }
     let (name, text) = libtorch::LINKER_SCRIPT;
     write(&partial.join(name), text)?;
-    for part in ["lib", "include"] {
+    for part in ["lib", "include", "licenses"] {
         replace(&folder.join(part), &partial.join(part))?;
     }
     remove(&partial)?;
@@ -144,7 +144,7 @@ fn fetch(wheel: &libtorch::Wheel, wheels: &Path) -> Result<()> {
 fn install_cuda(folder: &Path) -> Result<()> {
     let (site, partial) = (folder.join("site"), folder.join("partial"));
     remove(&partial)?;
-    pip::install(libtorch::WHEELS[0].requirement, &partial)?;
+    pip::install(&[libtorch::WHEELS[0].requirement], &partial, "10 GB")?;
     replace(&site, &partial)?;
     for part in ["lib", "include"] {
         let link = folder.join(part);
@@ -154,13 +154,15 @@ fn install_cuda(folder: &Path) -> Result<()> {
     remove(&folder.join("wheels"))
 }
 
+/// Makes a link.
 #[cfg(unix)]
-fn symlink(target: &Path, link: &Path) -> Result<()> {
+pub fn symlink(target: &Path, link: &Path) -> Result<()> {
     std::os::unix::fs::symlink(target, link).with_context(|| format!("{} could not be made", link.display()))
 }
 
+/// There is no libtorch to be set up elsewhere.
 #[cfg(not(unix))]
-fn symlink(_: &Path, _: &Path) -> Result<()> {
+pub fn symlink(_: &Path, _: &Path) -> Result<()> {
     anyhow::bail!("the libtorch for CUDA is set up on Linux only")
 }
 

@@ -6,9 +6,9 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::step::run;
-use crate::{cargo, setup};
+use crate::{cargo, python, setup};
 
-/// Check everything: formatting, lints, tests, documentation, the build without libtorch.
+/// Check everything: formatting, lints, tests, documentation, the Python package, the build without libtorch.
 ///
 /// Sets up libtorch first, if need be.
 #[derive(Args)]
@@ -22,6 +22,7 @@ impl Test {
         run("lint", &mut cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]))?;
         run("test", &mut cargo(&["test", "--workspace"]))?;
         run("document", cargo(&["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))?;
+        python::test()?;
         test_without_libtorch()?;
         println!("all is well, after {:.0} s", start.elapsed().as_secs_f64());
         Ok(())

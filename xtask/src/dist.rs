@@ -1,0 +1,172 @@
+//! `cargo xtask dist`: a folder that runs where nothing is installed.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use serde_json::Value;
+
+use crate::step::{root, run};
+use crate::{cargo, setup};
+
+/// Pack the `vamvs` command with its libtorch, man pages, completions and licences into a .tar.gz.
+#[derive(Args)]
+pub struct Dist {
+    /// Folder for the packed folder and the archive.
+    #[arg(long, value_name = "DIR", default_value = "target/dist")]
+    out: PathBuf,
+}
+
+impl Dist {
+    pub fn run(&self) -> Result<()> {
+        ensure!(cfg!(target_os = "linux"), "a folder with its own libtorch is packed on Linux only");
+        setup::ensure_any()?;
+        run("build", &mut cargo(&["build", "--release", "-p", "vamvs-cli"]))?;
+        let name = format!("vamvs-{}-{}-linux", env!("CARGO_PKG_VERSION"), std::env::consts::ARCH);
+        let (out, folder) = (root().join(&self.out), root().join(&self.out).join(&name));
+        if folder.exists() {
+            fs::remove_dir_all(&folder)
+                .with_context(|| format!("{} could not be removed", folder.display()))?;
+        }
+        fill(&folder)?;
+        let archive = out.join(format!("{name}.tar.gz"));
+        let mut tar = Command::new("tar");
+        tar.arg("--create").arg("--gzip").arg("--file").arg(&archive).arg("--directory").arg(&out).arg(&name);
+        run("pack", &mut tar)?;
+        let size = fs::metadata(&archive).context("the archive")?.len();
+        println!("{}: {:.0} MB", archive.display(), size as f64 / 1e6);
+        Ok(())
+    }
+}
+
+/// Puts everything into the folder.
+fn fill(folder: &Path) -> Result<()> {
+    let program = folder.join("bin/vamvs");
+    copy(&root().join("target/release/vamvs"), &program)?;
+    // Line numbers of panics are most of its size. Without strip it is larger, and else the same.
+    Command::new("strip").arg("--strip-debug").arg(&program).status().ok();
+    let libraries = root().join(".libtorch/lib");
+    for entry in fs::read_dir(&libraries).with_context(|| libraries.display().to_string())? {
+        let library = entry?.path();
+        let name = library.file_name().context("a library has a name")?;
+        // The linker's script is for builds.
+        if name != "libtorch.so" {
+            copy(&library, &folder.join("lib").join(name))?;
+        }
+    }
+    let licenses = root().join(".libtorch/licenses");
+    ensure!(
+        licenses.is_dir(),
+        "libtorch was set up without its licences: remove .libtorch and run this again"
+    );
+    run("licences", Command::new("cp").arg("-r").arg(&licenses).arg(folder))?;
+    for name in ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"] {
+        copy(&root().join(name), &folder.join(name))?;
+    }
+    write(&folder.join("LICENSES.txt"), &licences()?)?;
+    let manual = folder.join("share/man/man1");
+    fs::create_dir_all(&manual).with_context(|| manual.display().to_string())?;
+    run("man pages", Command::new(&program).arg("man").arg(&manual))?;
+    let shells = [
+        ("bash", "bash-completion/completions/vamvs"),
+        ("zsh", "zsh/site-functions/_vamvs"),
+        ("fish", "fish/vendor_completions.d/vamvs.fish"),
+    ];
+    for (shell, place) in shells {
+        let completions = Command::new(&program).args(["completions", shell]).output().context("vamvs")?;
+        ensure!(completions.status.success(), "vamvs completions {shell} failed");
+        write(&folder.join("share").join(place), &String::from_utf8_lossy(&completions.stdout))?;
+    }
+    Ok(())
+}
+
+/// The licences of all crates that the command is made of, with their texts, and where libtorch's are.
+fn licences() -> Result<String> {
+    let output =
+        cargo(&["metadata", "--format-version", "1", "--filter-platform", "x86_64-unknown-linux-gnu"])
+            .output()?;
+    ensure!(output.status.success(), "cargo metadata failed: {}", String::from_utf8_lossy(&output.stderr));
+    let metadata: Value = serde_json::from_slice(&output.stdout).context("cargo metadata")?;
+    let used = used_by(&metadata, "vamvs-cli");
+    let mut text = String::from(
+        "Beside vamvs itself: lib/ holds libtorch and libraries of NVIDIA CUDA that it asks for, whose licences are in \
+         licenses/, and libgomp of GCC (GPL-3.0 with the runtime library exception). bin/vamvs is made with these \
+         crates:\n",
+    );
+    for package in metadata["packages"].as_array().into_iter().flatten() {
+        let of = |key: &str| package[key].as_str().unwrap_or_default();
+        if package["source"].is_null() || !used.contains(&of("id")) {
+            continue;
+        }
+        text.push_str(&format!(
+            "\n{0}\n{1} {2}: {3}\n{0}\n",
+            "=".repeat(80),
+            of("name"),
+            of("version"),
+            of("license")
+        ));
+        text.push_str(&texts(Path::new(of("manifest_path")).parent().context("a manifest is in a folder")?)?);
+    }
+    Ok(text)
+}
+
+/// The ids of all packages that a package is built with, at run time.
+fn used_by<'a>(metadata: &'a Value, name: &str) -> Vec<&'a str> {
+    let nodes = || metadata["resolve"]["nodes"].as_array().into_iter().flatten();
+    let root = metadata["packages"].as_array().into_iter().flatten().find(|package| package["name"] == name);
+    let mut used: Vec<&str> = root.and_then(|package| package["id"].as_str()).into_iter().collect();
+    let mut next = 0;
+    while let Some(&id) = used.get(next) {
+        next += 1;
+        let node = nodes().find(|node| node["id"] == id);
+        for dependency in node.into_iter().flat_map(|node| node["deps"].as_array().into_iter().flatten()) {
+            let kinds = || dependency["dep_kinds"].as_array().into_iter().flatten();
+            let package = dependency["pkg"].as_str().unwrap_or_default();
+            if kinds().any(|kind| kind["kind"].is_null()) && !used.contains(&package) {
+                used.push(package);
+            }
+        }
+    }
+    used
+}
+
+/// The texts of the licences in a crate's folder.
+fn texts(folder: &Path) -> Result<String> {
+    let mut files: Vec<PathBuf> = fs::read_dir(folder)
+        .with_context(|| folder.display().to_string())?
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().to_uppercase();
+            path.is_file()
+                && ["LICENSE", "LICENCE", "COPYING", "NOTICE"].iter().any(|start| name.starts_with(start))
+        })
+        .collect();
+    files.sort();
+    let read = |path: &PathBuf| fs::read(path).with_context(|| path.display().to_string());
+    let texts: Vec<String> = files
+        .iter()
+        .map(|path| Ok(String::from_utf8_lossy(&read(path)?).into_owned()))
+        .collect::<Result<_>>()?;
+    Ok(texts.join("\n"))
+}
+
+fn copy(from: &Path, to: &Path) -> Result<()> {
+    make_parent(to)?;
+    fs::copy(from, to)
+        .with_context(|| format!("{} could not be copied to {}", from.display(), to.display()))?;
+    Ok(())
+}
+
+#[expect(clippy::disallowed_methods, reason = "the folder is made anew each time")]
+fn write(path: &Path, text: &str) -> Result<()> {
+    make_parent(path)?;
+    fs::write(path, text).with_context(|| format!("{} could not be written", path.display()))
+}
+
+fn make_parent(path: &Path) -> Result<()> {
+    let parent = path.parent().context("a file is in a folder")?;
+    fs::create_dir_all(parent).with_context(|| format!("{} could not be made", parent.display()))
+}
