@@ -6,7 +6,7 @@ use serde_json::Value;
 
 /// A crate may use those of lower layers, and none of its own or a higher one.
 const LAYERS: [&[&str]; 7] = [
-    &["vamvs-core"],
+    &["vamvs-core", "vamvs-weights"],
     &["vamvs-io", "vamvs-fusion", "vamvs-eval", "vamvs-net", "vamvs-refine"],
     &["vamvs-picture"],
     &["vamvs-synth", "vamvs-train"],

@@ -9,9 +9,9 @@ use crate::VamvsError;
 
 /// The networks that are built in, by name; the first is used if none is asked for.
 const BUILT_IN: [(&str, &[u8]); 3] = [
-    ("vis-max", include_bytes!("../../../weights/vis-max.pt")),
-    ("vis-corr", include_bytes!("../../../weights/vis-corr.pt")),
-    ("photometric", include_bytes!("../../../weights/photometric.pt")),
+    ("vis-max", vamvs_weights::VIS_MAX),
+    ("vis-corr", vamvs_weights::VIS_CORR),
+    ("photometric", vamvs_weights::PHOTOMETRIC),
 ];
 
 /// Where a network is.
