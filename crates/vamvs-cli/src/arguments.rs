@@ -110,7 +110,7 @@ const RECONSTRUCT_EXAMPLES: &str = "\
 Examples:
   vamvs reconstruct --cams cams --images images --out out        MVSNet layout
   vamvs reconstruct --colmap sparse/0 --images images --out out  COLMAP model, distorted or not
-  vamvs reconstruct --colmap sparse/0 --images images --preview  a quick look at a capture
+  vamvs reconstruct --colmap sparse/0 --images images --quality draft  a quick look
   vamvs reconstruct --nerfstudio capture --export colmap         transforms.json; workspace for COLMAP too
   vamvs reconstruct --config out/run.toml --min-views 2          the same again, fused otherwise
 
@@ -250,6 +250,18 @@ pub enum Spacing {
     InverseDepth,
 }
 
+/// What a run takes and gives.
+#[cfg(feature = "net")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Quality {
+    /// A quick look at a capture: photographs of 800 pixels at most, vis-corr, one pass of refinement.
+    Draft,
+    /// The defaults.
+    Normal,
+    /// vis-max, which sees photographs of 1024 pixels.
+    Best,
+}
+
 /// How depth is estimated.
 #[cfg(feature = "net")]
 #[derive(Debug, Args)]
@@ -262,9 +274,11 @@ pub struct DepthFlags {
     /// auto, cpu, cuda or cuda:N [default: auto].
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
-    /// A quick look at a capture: photographs of half their size, 640 pixels at most, --cells 8 and --iterations 2, each
-    /// of which may still be given, and --no-refine.
-    #[arg(long)]
+    /// What a run takes and gives; other flags change parts of it [default: normal].
+    #[arg(long, value_enum, conflicts_with = "preview")]
+    pub quality: Option<Quality>,
+    /// What --quality draft was called.
+    #[arg(long, hide = true)]
     pub preview: bool,
     /// Longer side to which larger photographs are reduced, pixels: the size of depth maps [default: 2000].
     #[arg(long, value_name = "PIXELS")]

@@ -286,13 +286,16 @@ mod input {
 mod depth {
     use super::*;
     use crate::arguments::{DepthFlags, Spacing};
-    use vamvs::Reconstruction;
-    use vamvs::core::Scene;
     use vamvs::io::Loaded;
+    use vamvs::{Quality, Reconstruction};
 
     impl Settings {
         /// Lets depth flags win.
         pub fn apply_depth(&mut self, flags: &DepthFlags) -> Result<()> {
+            if let Some(quality) = quality(flags) {
+                self.weights = Some(quality.weights().into());
+                self.depth = quality.applied(&self.depth);
+            }
             set(&mut self.weights, flags.weights.clone().map(Some));
             set(&mut self.device, flags.device.clone().map(Some));
             let depth = &mut self.depth;
@@ -337,20 +340,16 @@ mod depth {
             }
             Ok(reconstruction)
         }
+    }
+    /// The quality that is asked for.
+    fn quality(flags: &DepthFlags) -> Option<Quality> {
+        use crate::arguments::Quality as Flag;
 
-        /// With `--preview`, the settings of a quick look at this scene, where flags still win.
-        #[must_use]
-        pub fn previewing(&self, scene: &Scene, flags: &DepthFlags) -> Self {
-            let mut settings = self.clone();
-            if flags.preview {
-                let sides = scene.views.iter().map(|view| view.camera.size);
-                let longer = sides.map(|size| size.width.max(size.height)).max().unwrap_or(0);
-                settings.depth = settings.depth.preview(longer);
-                set(&mut settings.depth.max_size, flags.max_size);
-                set(&mut settings.depth.cells, flags.cells.map(Some));
-                set(&mut settings.depth.iterations, flags.iterations.map(Some));
-            }
-            settings
-        }
+        let preview = flags.preview.then_some(Flag::Draft);
+        flags.quality.or(preview).map(|quality| match quality {
+            Flag::Draft => Quality::Draft,
+            Flag::Normal => Quality::Normal,
+            Flag::Best => Quality::Best,
+        })
     }
 }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use vamvs::fusion::FuseOptions;
-use vamvs::{DepthOptions, FusionOptions};
+use vamvs::{DepthOptions, FusionOptions, Quality};
 
 /// Keyword arguments that have not been taken yet.
 pub struct Options {
@@ -30,15 +30,30 @@ impl Options {
         Ok(options)
     }
 
-    /// How depth maps are made.
-    pub fn depth(&mut self) -> PyResult<DepthOptions> {
-        self.take::<DepthOptions>(&[])
+    /// The quality, if one is asked for.
+    pub fn quality(&mut self) -> PyResult<Option<Quality>> {
+        self.known.push("quality".to_owned());
+        let Some(value) = self.given.get("quality").filter(|value| !value.is_null()) else { return Ok(None) };
+        Ok(Some(match value.as_str() {
+            Some("draft") => Quality::Draft,
+            Some("normal") => Quality::Normal,
+            Some("best") => Quality::Best,
+            _ => {
+                let text = format!("quality: expected \"draft\", \"normal\" or \"best\", found {value}");
+                return Err(PyValueError::new_err(text));
+            }
+        }))
+    }
+
+    /// How depth maps are made; what is not said is as in this quality.
+    pub fn depth(&mut self, quality: Quality) -> PyResult<DepthOptions> {
+        self.take(&quality.applied(&DepthOptions::default()), &[])
     }
 
     /// How depth maps become a cloud.
     pub fn fusion(&mut self) -> PyResult<FusionOptions> {
-        let mut options = self.take::<FusionOptions>(&["filter"])?;
-        options.filter = self.take::<FuseOptions>(&[])?;
+        let mut options = self.take(&FusionOptions::default(), &["filter"])?;
+        options.filter = self.take(&FuseOptions::default(), &[])?;
         options.filter.validate().map_err(|error| PyValueError::new_err(error.to_string()))?;
         Ok(options)
     }
@@ -55,20 +70,21 @@ impl Options {
         }
     }
 
-    /// The options of one kind; others may know the same names.
-    fn take<T: Default + Serialize + DeserializeOwned>(&mut self, without: &[&str]) -> PyResult<T> {
+    /// The options of one kind, of which those that are not given are as in `base`; others may know the same names.
+    fn take<T: Serialize + DeserializeOwned>(&mut self, base: &T, without: &[&str]) -> PyResult<T> {
         let wrong = |error: serde_json::Error| PyValueError::new_err(error.to_string());
-        let defaults = serde_json::to_value(T::default()).map_err(wrong)?;
-        let names = defaults.as_object().into_iter().flat_map(Map::keys);
-        let names: Vec<String> = names.filter(|name| !without.contains(&name.as_str())).cloned().collect();
-        let given = names.iter().filter_map(|name| Some((name.clone(), self.given.get(name)?.clone())));
-        let own: Map<String, Value> = given.collect();
-        self.known.extend(names);
-        for (name, value) in &own {
+        let mut options: Map<String, Value> =
+            serde_json::to_value(base).and_then(serde_json::from_value).map_err(wrong)?;
+        let names: Vec<String> =
+            options.keys().filter(|name| !without.contains(&name.as_str())).cloned().collect();
+        for name in &names {
+            let Some(value) = self.given.get(name) else { continue };
             let alone = serde_json::from_value::<T>(json!({name: value}));
             alone.map_err(|error| PyValueError::new_err(format!("{}: {error}", name.replace('-', "_"))))?;
+            options.insert(name.clone(), value.clone());
         }
-        serde_json::from_value(Value::Object(own)).map_err(wrong)
+        self.known.extend(names);
+        serde_json::from_value(Value::Object(options)).map_err(wrong)
     }
 }
 

@@ -51,7 +51,9 @@ pub fn reconstruct(
     options: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Reconstructed> {
     let mut options = Options::new(options)?;
-    let (depth, mut fusion) = (options.depth()?, options.fusion()?);
+    let quality = options.quality()?;
+    let weights = weights.or(quality.map(|quality| quality.weights().into()));
+    let (depth, mut fusion) = (options.depth(quality.unwrap_or_default())?, options.fusion()?);
     options.finish()?;
     if depth.fovea {
         // The box is seen sharply, its surroundings too.

@@ -136,8 +136,10 @@ impl Scene {
         options: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<DepthMaps> {
         let mut options = Options::new(options)?;
-        let depth = options.depth()?;
+        let quality = options.quality()?;
+        let depth = options.depth(quality.unwrap_or_default())?;
         options.finish()?;
+        let weights = weights.or(quality.map(|quality| quality.weights().into()));
         let reconstruction = match &self.0 {
             Source::Files(loaded) => Reconstruction::new(loaded.clone()),
             Source::Arrays(scene, arrays) => Reconstruction::with_photographs(scene.clone(), arrays.clone()),

@@ -89,6 +89,13 @@ def test_maps_of_ones_own_are_fused_like_those_of_vamvs(maps, tmp_path):
     assert f"element vertex {len(cloud)}".encode() in (tmp_path / "cloud.ply").read_bytes()[:200]
 
 
+def test_a_draft_is_quick_and_other_options_win(scene):
+    draft = next(scene.depth_maps(quality="draft", planes=32))
+    assert draft.depth.shape == (HEIGHT, WIDTH) and error_of([draft]) < 0.02
+    smaller = next(scene.depth_maps(quality="draft", planes=32, weights="photometric", max_size=96))
+    assert smaller.depth.shape == (HEIGHT // 2, WIDTH // 2)
+
+
 def test_masked_pixels_have_no_depth():
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[:, : WIDTH // 2] = False
@@ -125,6 +132,7 @@ def test_the_caller_ends_the_work(scene):
     [
         (lambda s: s.depth_maps(wieghts=1), TypeError, "unknown option \"wieghts\""),
         (lambda s: s.depth_maps(views="many"), ValueError, "views: .*many"),
+        (lambda s: s.depth_maps(quality="good"), ValueError, "quality: expected .*good"),
         (lambda s: s.depth_maps(roi=(0, 1)), ValueError, "roi: expected"),
         (lambda s: list(s.depth_maps(weights="absent.pt")), vamvs.Error, "absent.pt"),
         (lambda s: list(s.depth_maps(views=1, **QUICK)), vamvs.Error, "views must be at least 2"),

@@ -37,6 +37,8 @@ pub mod plan;
 #[cfg(feature = "net")]
 mod prepared;
 #[cfg(feature = "net")]
+mod quality;
+#[cfg(feature = "net")]
 mod reconstruction;
 pub mod refine;
 #[cfg(feature = "net")]
@@ -61,6 +63,8 @@ pub use photographs::{PhotoSource, Photographs, Picture};
 pub use plan::{Plan, ViewPlan, plan};
 #[cfg(feature = "net")]
 pub use prepared::Prepared;
+#[cfg(feature = "net")]
+pub use quality::Quality;
 #[cfg(feature = "net")]
 pub use reconstruction::{Reconstructed, Reconstruction};
 

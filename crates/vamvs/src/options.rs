@@ -9,9 +9,6 @@ use crate::MemoryLimit;
 /// The least that the longer side of photographs may be reduced to, pixels.
 pub(crate) const MIN_SIZE: usize = 64;
 
-/// The longer side of a preview's photographs at most, pixels.
-const PREVIEW_SIZE: usize = 640;
-
 /// How depth maps are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
@@ -79,18 +76,6 @@ impl Default for DepthOptions {
             fovea: false,
             max_memory: MemoryLimit::default(),
         }
-    }
-}
-
-impl DepthOptions {
-    /// The same options for a quick look at a capture, whose largest photograph has `longer` pixels on its
-    /// longer side: half of that, 640 pixels at most, cells of 8 pixels and two flow iterations, and no refinement, so
-    /// that depth maps have an eighth of the photograph's size. Planes that are chosen from the cameras are fewer then
-    /// too. The preview of a preview is itself.
-    #[must_use]
-    pub fn preview(self, longer: usize) -> Self {
-        let max_size = self.max_size.min((longer / 2).clamp(MIN_SIZE, PREVIEW_SIZE));
-        Self { max_size, cells: Some(8), iterations: Some(2), refine: false, ..self }
     }
 }
 

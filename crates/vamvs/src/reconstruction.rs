@@ -13,7 +13,7 @@ use crate::event::{OnEvent, tell};
 use crate::photographs::Origin;
 use crate::{
     DepthOptions, Event, ExportOptions, FuseSummary, FusionOptions, Maps, OutputFolder, PhotoSource,
-    Photographs, Prepared, VamvsError, fit, weights,
+    Photographs, Prepared, Quality, VamvsError, fit, weights,
 };
 
 /// A scene, and how it shall be reconstructed; what is not said is as in the `vamvs` command.
@@ -85,6 +85,11 @@ impl Reconstruction {
     /// The network: the name of one that is built in, or a module's file.
     pub fn weights(self, weights: impl Into<PathBuf>) -> Self {
         Self { weights: Some(weights.into()), ..self }
+    }
+
+    /// The network and the options that this quality decides; what is set after it wins.
+    pub fn quality(self, quality: Quality) -> Self {
+        Self { weights: Some(quality.weights().into()), depth: quality.applied(&self.depth), ..self }
     }
 
     /// Where the network runs: `auto`, `cpu`, `cuda` or `cuda:N`.

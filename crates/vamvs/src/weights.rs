@@ -5,9 +5,9 @@ use std::path::Path;
 use vamvs_io::IoError;
 use vamvs_net::{Device, Network};
 
-use crate::VamvsError;
+use crate::{Quality, VamvsError};
 
-/// The networks that are built in, by name; the first is used if none is asked for.
+/// The networks that are built in, by name.
 const BUILT_IN: [(&str, &[u8]); 3] = [
     ("vis-max", vamvs_weights::VIS_MAX),
     ("vis-corr", vamvs_weights::VIS_CORR),
@@ -20,8 +20,8 @@ enum Source<'a> {
     File(&'a Path),
 }
 
-/// Loads the built-in network of the name `weights`, or the module in the file `weights`; the first of the
-/// built-in ones if nothing is said.
+/// Loads the built-in network of the name `weights`, or the module in the file `weights`; that of [`Quality::Normal`] if
+/// nothing is said.
 ///
 /// # Errors
 /// If the file is no module of the contract.
@@ -54,7 +54,7 @@ pub fn is_built_in(weights: &Path) -> bool {
 }
 
 fn source(weights: Option<&Path>) -> Source<'_> {
-    let Some(path) = weights else { return Source::BuiltIn(BUILT_IN[0].0, BUILT_IN[0].1) };
+    let path = weights.unwrap_or(Path::new(Quality::default().weights()));
     let named = BUILT_IN.into_iter().find(|(name, _)| path == Path::new(name));
     named.map_or(Source::File(path), |(name, bytes)| Source::BuiltIn(name, bytes))
 }
@@ -67,7 +67,8 @@ mod tests {
     fn names_are_built_in_and_paths_are_files() {
         assert!(is_built_in(Path::new("vis-max")) && is_built_in(Path::new("photometric")));
         assert!(!is_built_in(Path::new("./vis-max")) && !is_built_in(Path::new("vis-max.pt")));
-        assert_eq!(bytes(None).unwrap(), bytes(Some(Path::new("vis-max"))).unwrap());
+        let normal = Quality::Normal.weights();
+        assert_eq!(bytes(None).unwrap(), bytes(Some(Path::new(normal))).unwrap());
         let error = bytes(Some(Path::new("absent/net.pt"))).unwrap_err().in_full();
         assert!(error.contains("net.pt"), "{error}");
     }
@@ -76,6 +77,9 @@ mod tests {
     fn the_built_in_networks_are_modules_of_the_contract() {
         for (name, _) in BUILT_IN {
             load(Some(Path::new(name)), Device::Cpu).unwrap();
+        }
+        for quality in [Quality::Draft, Quality::Normal, Quality::Best] {
+            assert!(is_built_in(Path::new(quality.weights())));
         }
     }
 }

@@ -46,14 +46,12 @@ pub fn estimate(
     settings.use_threads()?;
     let _blocks = KeptBlocks::begin();
     let loaded = settings.input.scene()?.load()?;
-    let settings = settings.previewing(&loaded.scene, &arguments.depth);
     let out = OutputFolder::new(&arguments.out());
     out.expect_apart(settings.input.cams.as_deref())?;
     let inputs = settings.input.given().chain([loaded.images.as_path()]);
     settings.export.expect_apart(out.root(), inputs)?;
     let work = settings.reconstruction(loaded)?.prepare(&mut |event| progress.show(event))?;
-    let chosen_by_preview = arguments.depth.preview && arguments.depth.iterations.is_none();
-    expect_iterations(&work, settings.depth.iterations.filter(|_| !chosen_by_preview))?;
+    expect_iterations(&work, settings.depth.iterations)?;
     say_work(&work, progress);
     let job = DepthJob { work: &work, output: &out, force: arguments.force };
     vamvs::depth::prepare(&job)?;

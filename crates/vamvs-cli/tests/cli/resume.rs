@@ -59,25 +59,29 @@ fn a_second_run_keeps_what_is_there_and_other_settings_or_photographs_redo_it() 
 }
 
 #[test]
-fn a_preview_is_smaller_is_recorded_and_gives_way_to_flags() {
-    let scene = Scene::new(640, 480, 2);
+fn a_draft_is_quick_is_recorded_and_gives_way_to_flags() {
+    let scene = Scene::new(256, 192, 2);
     let size_and_settings = |arguments: &[&str]| {
         expect_success(&scene.run("depth", &[arguments, &["--planes", "8", "--quiet", "--force"]].concat()));
         let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
         (map.size(), std::fs::read_to_string(scene.out().join("run.toml")).unwrap())
     };
-    let (size, settings) = size_and_settings(&["--preview"]);
-    // 640×480 pixels become 320×240, and two iterations end at a quarter of that.
+    let decided = ["max-size = 800", "network-size = 640", "geometric = false", "weights = \"vis-corr\""];
+    for quality in [&["--quality", "draft"][..], &["--preview"]] {
+        let (size, settings) = size_and_settings(quality);
+        assert_eq!(size, vamvs::core::Size::new(256, 192));
+        assert!(decided.iter().all(|line| settings.contains(line)), "{settings}");
+    }
+    let flags = ["--quality", "draft", "--max-size", "160", "--weights", "photometric", "--no-refine"];
+    let (size, settings) = size_and_settings(&flags);
     assert_eq!(size, vamvs::core::Size::new(80, 60));
-    assert!(settings.contains("max-size = 320") && settings.contains("iterations = 2"), "{settings}");
-    // The settings of a preview are a preview of that size.
-    let kept = scene.path("preview.toml");
+    assert!(settings.contains("max-size = 160") && settings.contains("network-size = 640"), "{settings}");
+    // The settings that were kept are the same again, unless another quality is asked for.
+    let kept = scene.path("kept.toml");
     crate::scene::write(&kept, &settings);
-    let (again, _) = size_and_settings(&["--preview", "--config", kept.to_str().unwrap()]);
-    assert_eq!(again, size);
-    let (size, settings) = size_and_settings(&["--preview", "--max-size", "160", "--iterations", "1"]);
-    assert_eq!(size, vamvs::core::Size::new(20, 15));
-    assert!(settings.contains("max-size = 160") && settings.contains("iterations = 1"), "{settings}");
+    assert_eq!(size_and_settings(&["--config", kept.to_str().unwrap()]).0, size);
+    let again = ["--config", kept.to_str().unwrap(), "--quality", "draft"];
+    assert_eq!(size_and_settings(&again).0, vamvs::core::Size::new(256, 192));
 }
 
 #[test]

@@ -48,7 +48,8 @@ class Scene:
         on_event: Optional[OnEvent] = None,
         **options: Any,
     ) -> DepthMaps:
-        """The depth maps, one by one, made while the one before is looked at. Options are those of run.toml's [depth]."""
+        """The depth maps, one by one, made while the one before is looked at. Options are quality ('draft', 'normal' or 'best') and those
+        of run.toml's [depth], with underscores."""
 
 class DepthMaps(Iterator[DepthMap]):
     def __next__(self) -> DepthMap: ...
@@ -119,7 +120,7 @@ def reconstruct(
 ) -> Reconstructed:
     """`vamvs reconstruct`: depth maps and fused.ply in the folder `out`; an interrupted run goes on where it was.
 
-    Options are those of run.toml's [depth] and [fusion], with underscores."""
+    Options are quality ('draft', 'normal' or 'best') and those of run.toml's [depth] and [fusion], with underscores."""
 
 def fuse(
     maps: Iterable[DepthMap], on_event: Optional[OnEvent] = None, **options: Any

@@ -1,0 +1,40 @@
+//! What a run takes and gives, in one word.
+
+use crate::DepthOptions;
+
+/// A choice among the built-in networks and how large what they see is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quality {
+    /// A quick look at a capture: photographs of 800 pixels at most, the light network, one pass of refinement.
+    Draft,
+    /// The defaults.
+    #[default]
+    Normal,
+    /// The most accurate network, which sees photographs of 1024 pixels.
+    Best,
+}
+
+impl Quality {
+    /// The name of the network.
+    #[must_use]
+    pub fn weights(self) -> &'static str {
+        match self {
+            Self::Draft => "vis-corr",
+            Self::Normal | Self::Best => "vis-max",
+        }
+    }
+
+    /// The same options with what this quality decides: sizes, network stages and passes of refinement.
+    #[must_use]
+    pub fn applied(self, options: &DepthOptions) -> DepthOptions {
+        let own = match self {
+            Self::Draft => {
+                DepthOptions { max_size: 800, network_size: 640, geometric: false, ..DepthOptions::default() }
+            }
+            Self::Normal => DepthOptions::default(),
+            Self::Best => DepthOptions { network_size: 1024, ..DepthOptions::default() },
+        };
+        let DepthOptions { max_size, network_size, refine, geometric, cells, iterations, .. } = own;
+        DepthOptions { max_size, network_size, refine, geometric, cells, iterations, ..options.clone() }
+    }
+}
