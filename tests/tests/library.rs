@@ -43,11 +43,11 @@ impl Fixture {
         Self { files, scene: loaded.scene, images }
     }
 
-    fn from_files(&self) -> Reconstruction {
+    fn with_files(&self) -> Reconstruction {
         Reconstruction::new(input(self.files.path()).load().unwrap()).weights("photometric").depth(options())
     }
 
-    fn from_memory(&self) -> Reconstruction {
+    fn in_memory(&self) -> Reconstruction {
         let images = Images(self.images.clone());
         Reconstruction::with_photographs(self.scene.clone(), images).weights("photometric").depth(options())
     }
@@ -76,9 +76,9 @@ fn fusion() -> FusionOptions {
 fn depth_maps_and_cloud_in_memory_are_those_of_the_files() {
     let fixture = Fixture::new();
     let out = fixture.files.path().join("out");
-    let done = fixture.from_files().run(&out, &mut ignore).unwrap();
+    let done = fixture.with_files().run(&out, &mut ignore).unwrap();
     assert_eq!((done.depth.made, done.depth.skipped.len()), (4, 0));
-    let work = fixture.from_memory().prepare(&mut ignore).unwrap();
+    let work = fixture.in_memory().prepare(&mut ignore).unwrap();
     let maps: Vec<ViewMap> = work.depth_maps(Box::new(ignore)).map(Result::unwrap).collect();
     let saved = Maps::open(&out, io::masks::Masks::None, &mut ignore).unwrap();
     assert_eq!(maps.iter().map(|map| map.name.as_str()).collect::<Vec<_>>(), saved.names());
@@ -101,7 +101,7 @@ fn a_photograph_that_cannot_be_had_is_told_and_has_no_part() {
     let mut fixture = Fixture::new();
     fixture.images.remove(1);
     let mut warnings = Vec::new();
-    let work = fixture.from_memory().prepare(&mut ignore).unwrap();
+    let work = fixture.in_memory().prepare(&mut ignore).unwrap();
     let listen = |event: Event| {
         if let Event::Warning(text) = event {
             warnings.push(text);
@@ -120,24 +120,24 @@ fn a_run_ends_when_its_caller_says_so_and_goes_on_later() {
     let fixture = Fixture::new();
     let out = fixture.files.path().join("out");
     let undisturbed = fixture.files.path().join("undisturbed");
-    fixture.from_files().run(&undisturbed, &mut ignore).unwrap();
+    fixture.with_files().run(&undisturbed, &mut ignore).unwrap();
     let end_at = |count: usize| {
         let mut seen = 0;
         let mut listen = move |_: Event| {
             seen += 1;
             if seen < count { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         };
-        fixture.from_files().run(&out, &mut listen)
+        fixture.with_files().run(&out, &mut listen)
     };
     for count in [1, 3, 6, 9] {
         let error = end_at(count).unwrap_err();
         assert!(matches!(error, VamvsError::Cancelled), "after {count} events: {error}");
         assert!(!OutputFolder::new(&out).cloud().exists());
     }
-    let done = fixture.from_files().run(&out, &mut ignore).unwrap();
+    let done = fixture.with_files().run(&out, &mut ignore).unwrap();
     let bytes = |root: &Path| std::fs::read(OutputFolder::new(root).cloud()).unwrap();
     assert!(done.depth.resumed > 0 && bytes(&out) == bytes(&undisturbed));
-    let work = fixture.from_memory().prepare(&mut ignore).unwrap();
+    let work = fixture.in_memory().prepare(&mut ignore).unwrap();
     let mut maps = work.depth_maps(Box::new(|_| ControlFlow::Break(())));
     assert!(matches!(maps.next(), Some(Err(VamvsError::Cancelled))) && maps.next().is_none());
 }

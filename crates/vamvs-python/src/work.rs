@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -15,6 +15,12 @@ use crate::{Error, error};
 
 /// How often Ctrl-C is looked for.
 const LISTEN: Duration = Duration::from_millis(50);
+
+/// How often a thread with a message looks whether somebody wants it.
+const OFFER: Duration = Duration::from_millis(5);
+
+/// Whether the interpreter is about to end, and all work with it.
+static ENDING: AtomicBool = AtomicBool::new(false);
 
 /// Threads that work.
 static WORKING: AtomicUsize = AtomicUsize::new(0);
@@ -122,12 +128,19 @@ impl<T> Teller<T> {
         self.send(Message::Item(item))
     }
 
-    fn send(&self, message: Message<T>) -> ControlFlow<()> {
-        let stopped = || self.stop.load(Ordering::SeqCst);
-        if stopped() || self.messages.send(message).is_err() || stopped() {
-            return ControlFlow::Break(());
+    /// Waits until the message before this one was taken.
+    fn send(&self, mut message: Message<T>) -> ControlFlow<()> {
+        loop {
+            if self.stop.load(Ordering::SeqCst) || ENDING.load(Ordering::SeqCst) {
+                return ControlFlow::Break(());
+            }
+            match self.messages.try_send(message) {
+                Ok(()) => return ControlFlow::Continue(()),
+                Err(TrySendError::Disconnected(_)) => return ControlFlow::Break(()),
+                Err(TrySendError::Full(back)) => message = back,
+            }
+            std::thread::sleep(OFFER);
         }
-        ControlFlow::Continue(())
     }
 }
 
@@ -137,10 +150,11 @@ impl Drop for Working {
     }
 }
 
-/// Waits until no thread works any more: at the interpreter's end.
+/// Ends all work and waits until no thread works any more: at the interpreter's end.
 #[pyfunction]
 #[pyo3(name = "_wait")]
 pub fn wait(py: Python<'_>) {
+    ENDING.store(true, Ordering::SeqCst);
     py.detach(|| {
         while WORKING.load(Ordering::SeqCst) > 0 {
             std::thread::sleep(LISTEN);

@@ -168,6 +168,17 @@ def test_ctrl_c_is_answered_within_a_second(folder):
     assert program.wait(timeout=120) == 0
 
 
+def test_a_program_may_end_before_the_last_depth_map(folder):
+    script = (
+        "import vamvs\n"
+        f"scene = vamvs.Scene.from_mvsnet({str(folder / 'cams')!r}, {str(folder / 'images')!r})\n"
+        "maps = scene.depth_maps(weights='photometric', planes=32)\n"
+        "print(next(maps).name)\n"
+    )
+    program = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    assert (program.stdout, program.returncode) == ("0000\n", 0), program.stderr
+
+
 def test_the_command_is_there(folder):
     def run(*arguments):
         command = [sys.executable, "-c", "import vamvs; vamvs._command()", *map(str, arguments)]

@@ -144,7 +144,7 @@ impl Reconstruction {
     /// interrupted goes on where it was.
     ///
     /// # Errors
-    /// As [`Reconstruction::prepare`], [`crate::estimate`] and [`crate::fuse`].
+    /// As [`Reconstruction::prepare`], [`crate::estimate`] and [`crate::fuse()`].
     pub fn run(self, out: &Path, on_event: &mut OnEvent<'_>) -> Result<Reconstructed, VamvsError> {
         let output = OutputFolder::new(out);
         let (fusion, exports, force) = (self.fusion.clone(), self.exports.clone(), self.force);
