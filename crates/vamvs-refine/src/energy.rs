@@ -5,9 +5,9 @@ use nalgebra::{Matrix3, Vector3};
 use crate::correlation::correlation;
 use crate::descent::{Normal, normal};
 use crate::geometry::Seen;
-use crate::matcher::Pixel;
+use crate::matcher::{Matcher, Pixel};
 use crate::plane::Plane;
-use crate::source::MOST_SOURCES;
+use crate::source::{MOST_SOURCES, Source};
 use crate::transfer::Affine;
 
 /// The energy of what cannot be: behind a camera, or steeper than [`STEEPEST`].
@@ -157,7 +157,9 @@ impl Pixel<'_> {
 
     /// What a source's depth map says near this plane.
     pub fn seen_by(&self, source: usize, plane: &Plane) -> Option<Seen> {
-        self.matcher.sources[source].geometry.as_ref()?.seen(self.x, self.y, plane.w)
+        let view = &self.matcher.sources[source];
+        let place = view.transfer.place(self.rays[source], plane.w)?;
+        view.geometry.as_ref()?.seen(place, (self.x, self.y))
     }
 
     /// The sum of the normal equations of some source views at a plane, in units of [`Pixel::step`].
@@ -176,16 +178,13 @@ impl Pixel<'_> {
     /// What a source is chosen by, and its cost.
     #[inline]
     fn cost(&self, index: usize, plane: &Plane) -> (f32, Cost) {
-        let correlation = self.correlation(index, plane).unwrap_or(UNSEEN);
-        let total = 1.0 - correlation + self.geometric_cost(index, plane);
+        let (Matcher { options, isa, .. }, source) = (self.matcher, &self.matcher.sources[index]);
+        let warp = source.transfer.affine(self.rays[index], plane);
+        let inside = warp.filter(|warp| source.quads.contains(warp.u, warp.v));
+        let correlation = inside
+            .map_or(UNSEEN, |warp| correlation(&self.window, &source.quads, &warp, options.noise, *isa));
+        let total = 1.0 - correlation + self.geometric_cost(source, warp.as_ref());
         (total + self.handicaps[index], Cost { total, correlation })
-    }
-
-    #[inline]
-    fn correlation(&self, index: usize, plane: &Plane) -> Option<f32> {
-        let warp = self.warp(index, plane)?;
-        let (options, quads) = (self.matcher.options, &self.matcher.sources[index].quads);
-        Some(correlation(&self.window, quads, &warp, options.noise, self.matcher.isa))
     }
 
     #[inline]
@@ -206,13 +205,11 @@ impl Pixel<'_> {
     }
 
     #[inline]
-    fn geometric_cost(&self, index: usize, plane: &Plane) -> f32 {
-        if self.matcher.sources[index].geometry.is_none() {
-            return 0.0;
-        }
+    fn geometric_cost(&self, source: &Source, warp: Option<&Affine>) -> f32 {
+        let Some(geometry) = &source.geometry else { return 0.0 };
         let reach = self.matcher.options.geometric_reach;
-        let way = self.seen_by(index, plane).map_or(reach, |seen| seen.way.min(reach));
-        self.matcher.options.geometric * way
+        let seen = warp.and_then(|warp| geometry.seen((warp.u, warp.v), (self.x, self.y)));
+        self.matcher.options.geometric * seen.map_or(reach, |seen| seen.way.min(reach))
     }
 
     #[inline]

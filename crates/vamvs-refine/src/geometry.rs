@@ -8,11 +8,12 @@ use crate::transfer::Transfer;
 /// Neighbouring inverse depths that differ by a larger share are of two surfaces.
 const JUMP: f32 = 0.02;
 
-/// A source's depth map with the ways there and back.
+/// A source's depth map with the way back to the reference view.
 pub(crate) struct Geometry {
     /// Inverse depth; 0 where there is none.
     inverse: Grid<f32>,
-    to_source: Transfer,
+    /// From a pixel of the source's photograph to one of the map: factor and what is added, for columns and rows.
+    to_map: [[f32; 2]; 2],
     to_reference: Transfer,
 }
 
@@ -26,25 +27,29 @@ pub(crate) struct Seen {
 }
 
 impl Geometry {
-    pub fn new(map: &DepthMap, reference: (&Pinhole, &Pose)) -> Self {
-        let source = (&map.camera, &map.cam_from_world);
+    /// Of a map of the photograph that `source` took, of whatever size.
+    pub fn new(map: &DepthMap, source: (&Pinhole, &Pose), reference: (&Pinhole, &Pose)) -> Self {
+        let (of_map, of_photo) = (&map.camera.intrinsics, &source.0.intrinsics);
+        let along = |f_map: f64, c_map: f64, f_photo: f64, c_photo: f64| {
+            let factor = f_map / f_photo;
+            [factor as f32, (c_map - factor * c_photo) as f32]
+        };
         Self {
             inverse: map.depth.map(|&depth| if is_valid(depth) { 1.0 / depth } else { 0.0 }),
-            to_source: Transfer::new(reference, source),
+            to_map: [
+                along(of_map.fx, of_map.cx, of_photo.fx, of_photo.cx),
+                along(of_map.fy, of_map.cy, of_photo.fy, of_photo.cy),
+            ],
             to_reference: Transfer::new(source, reference),
         }
     }
 
-    /// Projects the pixel with centre `(x, y)` at inverse depth `w` into the source, and the depth that is found there
-    /// back. `None` where the source has no depth.
+    /// Projects the depth that the source has at `(u, v)` of its photograph back to the reference view, where `(x, y)` is
+    /// the centre of the pixel that was seen there. `None` where the source has no depth.
     #[inline]
-    pub fn seen(&self, x: f32, y: f32, w: f32) -> Option<Seen> {
-        let seen = self.to_source.seen(self.to_source.ray(x, y), w);
-        if seen[2] <= 0.0 {
-            return None;
-        }
-        let (u, v) = (seen[0] / seen[2], seen[1] / seen[2]);
-        let w_in_source = self.at(u, v).filter(|&w| w > 0.0)?;
+    pub fn seen(&self, (u, v): (f32, f32), (x, y): (f32, f32)) -> Option<Seen> {
+        let [[scale_x, shift_x], [scale_y, shift_y]] = self.to_map;
+        let w_in_source = self.at(u * scale_x + shift_x, v * scale_y + shift_y).filter(|&w| w > 0.0)?;
         let back = self.to_reference.seen(self.to_reference.ray(u, v), w_in_source);
         if back[2] <= 0.0 {
             return None;
@@ -102,12 +107,21 @@ mod tests {
             confidence: Grid::filled(CAMERA.size, 1.0),
             coarse_confidence: None,
         };
-        let geometry = Geometry::new(&map, (&CAMERA, &at(0.0)));
+        let geometry = Geometry::new(&map, (&CAMERA, &at(1.0)), (&CAMERA, &at(0.0)));
+        let transfer = Transfer::new((&CAMERA, &at(0.0)), (&CAMERA, &at(1.0)));
+        let seen = |x: f32, y: f32, w: f32| {
+            let place = transfer.place(transfer.ray(x, y), w).unwrap();
+            geometry.seen(place, (x, y))
+        };
         // Disparity is 100 w: 25 pixels at the source's depth of 4.
-        let seen = geometry.seen(60.5, 20.5, 0.24).unwrap();
-        assert!((seen.way - 1.0).abs() < 1e-4 && (seen.w - 0.25).abs() < 1e-6);
-        assert!(geometry.seen(60.5, 20.5, 0.25).unwrap().way < 1e-4);
-        assert_eq!(geometry.seen(20.5, 20.5, 0.25), None, "left of the source's image");
+        let near = seen(60.5, 20.5, 0.24).unwrap();
+        assert!((near.way - 1.0).abs() < 1e-4 && (near.w - 0.25).abs() < 1e-6);
+        assert!(seen(60.5, 20.5, 0.25).unwrap().way < 1e-4);
+        assert_eq!(seen(20.5, 20.5, 0.25), None, "left of the source's image");
+        // A map of half the size, of a photograph of twice the size.
+        let twice = CAMERA.resized(Size::new(160, 120));
+        let smaller = Geometry::new(&map, (&twice, &at(1.0)), (&CAMERA, &at(0.0)));
+        assert!(smaller.seen((71.0, 41.0), (60.5, 20.5)).unwrap().way < 1e-4);
     }
 
     #[test]
@@ -120,7 +134,7 @@ mod tests {
             confidence: Grid::filled(CAMERA.size, 1.0),
             coarse_confidence: None,
         };
-        let geometry = Geometry::new(&map, (&CAMERA, &at(0.0)));
+        let geometry = Geometry::new(&map, (&CAMERA, &at(0.0)), (&CAMERA, &at(0.0)));
         let w = geometry.at(20.75, 30.2).unwrap();
         assert!((w - (0.25 + 1e-4 * 20.25)).abs() < 1e-6, "{w}");
         assert_eq!(geometry.at(39.9, 30.2), geometry.at(39.5, 30.5), "the pixel's own");

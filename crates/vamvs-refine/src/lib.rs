@@ -147,8 +147,9 @@ pub fn refine_geometric(
     let problem = Problem { reference, sources, visibility: &[], options };
     let mut matcher = solve::matcher(&problem, 0);
     let here = (&reference.camera, &reference.cam_from_world);
-    let with_depths = matcher.sources.into_iter().zip(depths);
-    matcher.sources = with_depths.map(|(source, depth)| source.with_depth(*depth, here)).collect();
+    let with_photos = matcher.sources.into_iter().zip(sources.iter().zip(depths));
+    let with_depth = with_photos.map(|(source, (photo, depth))| source.with_depth(*depth, photo, here));
+    matcher.sources = with_depth.collect();
     let planes = Field::new(found, |x, y| State::unjudged(first.plane(x, y)));
     let prior = |x: usize, y: usize| {
         if is_half { solve::parent(&planes, x, y).0.w } else { planes.at(x, y).plane.w }

@@ -33,9 +33,10 @@ impl<'a> Source<'a> {
         Self { visibility, ..self }
     }
 
-    /// The source with its depth map.
-    pub fn with_depth(self, map: Option<&DepthMap>, reference: (&Pinhole, &Pose)) -> Self {
-        Self { geometry: map.map(|map| Geometry::new(map, reference)), ..self }
+    /// The source, which took `photo`, with its depth map.
+    pub fn with_depth(self, map: Option<&DepthMap>, photo: &Photo, reference: (&Pinhole, &Pose)) -> Self {
+        let source = (&photo.camera, &photo.cam_from_world);
+        Self { geometry: map.map(|map| Geometry::new(map, source, reference)), ..self }
     }
 }
 

@@ -50,6 +50,13 @@ impl Transfer {
         [ray[0] + o[0] * w, ray[1] + o[1] * w, ray[2] + o[2] * w]
     }
 
+    /// Where the source sees the pixel with this [`Transfer::ray`]; `None` behind the source camera.
+    #[inline]
+    pub fn place(&self, ray: [f32; 3], w: f32) -> Option<(f32, f32)> {
+        let seen = self.seen(ray, w);
+        (seen[2] > 0.0).then(|| (seen[0] / seen[2], seen[1] / seen[2]))
+    }
+
     /// How the source sees the window of the pixel with this [`Transfer::ray`]: the plane's homography, linearised at
     /// the window's centre. `None` where the plane is not before the source camera.
     #[inline]
