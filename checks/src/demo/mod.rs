@@ -55,7 +55,9 @@ impl Demo {
 fn reconstruct(scene: &DemoScene, out: &Path) -> Result<vamvs::Reconstruction> {
     let (cams, images) = (scene.cams(), scene.images());
     let arguments = ["--cams".as_ref(), cams.as_os_str(), "--images".as_ref(), images.as_os_str()];
-    vamvs::reconstruct(&[&arguments[..], &["--force".as_ref()]].concat(), out)
+    // The light network: the demo shall take a minute.
+    let how = ["--weights", "vis-corr", "--force"].map(str::as_ref);
+    vamvs::reconstruct(&[&arguments[..], &how].concat(), out)
 }
 
 fn print_results(run: &Run, out: &Path, report: &Path) {
