@@ -18,7 +18,7 @@ use crate::{
 
 /// A scene, and how it shall be reconstructed; what is not said is as in the `vamvs` command.
 ///
-/// ```no_run
+/// ```no_run,standalone_crate
 /// use std::ops::ControlFlow;
 /// use vamvs::{Input, Reconstruction};
 ///
