@@ -39,7 +39,8 @@ impl Wheel {
 
 /// Tests the package as it is in the repository, with the libtorch of [`setup`] in the place of torch's.
 pub fn test() -> Result<()> {
-    run("build the Python package", &mut cargo(&["build", "-p", "vamvs-python"]))?;
+    // All of the workspace, as the tests before: alone the package would have its dependencies with other features.
+    run("build the Python package", &mut cargo(&["build", "--workspace"]))?;
     let site = root().join("target/python-site");
     pip::install(&["numpy>=1.24,<3", "pytest>=8,<10"], &site, "200 MB")?;
     assemble(&site)?;
