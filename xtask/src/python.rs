@@ -65,7 +65,7 @@ fn assemble(site: &Path) -> Result<()> {
         std::env::var_os("LIBTORCH").filter(|own| !own.is_empty()).unwrap_or(OsString::from(".libtorch"));
     let libraries = root().join(own).join("lib");
     setup::symlink(&libraries, &torch.join("lib"))?;
-    copy(&package().join("tests/torch.py"), &torch.join("__init__.py"))?;
+    copy(&package().join("tests/no_torch.py"), &torch.join("__init__.py"))?;
     Ok(())
 }
 

@@ -34,8 +34,7 @@ pub fn fuse(
     let maps: Vec<ViewMap> = maps.try_iter()?.map(map).collect::<PyResult<_>>()?;
     let work = Work::begin(on_event, move |teller| {
         let cloud = fuse_in_memory(&maps, &fusion, &mut |event| teller.event(event))?;
-        let _ = teller.item(cloud);
-        Ok(())
+        teller.item(cloud)
     });
     let cloud = work.next(py)?.unwrap_or_default();
     Ok(Cloud(cloud))

@@ -81,8 +81,7 @@ pub fn reconstruct(
     let reconstruction = run_on(reconstruction, weights, device);
     let work = Work::begin(on_event, move |teller| {
         let done = reconstruction.run(Path::new(&out), &mut |event| teller.event(event))?;
-        let _ = teller.item(done);
-        Ok(())
+        teller.item(done)
     });
     let Some(done) = work.next(py)? else {
         return Err(crate::Error::new_err("the work ended without a result"));

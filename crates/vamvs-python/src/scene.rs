@@ -148,9 +148,7 @@ impl Scene {
         Ok(DepthMaps(Work::begin(on_event, move |teller| {
             let work = reconstruction.prepare(&mut |event| teller.event(event))?;
             for map in work.depth_maps(Box::new(|event| teller.event(event))) {
-                if teller.item(map?).is_break() {
-                    break;
-                }
+                teller.item(map?)?;
             }
             Ok(())
         })))

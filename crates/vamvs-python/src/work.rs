@@ -123,9 +123,12 @@ impl<T> Teller<T> {
         self.send(Message::Event(event))
     }
 
-    /// Hands over an item and tells whether to go on.
-    pub fn item(&self, item: T) -> ControlFlow<()> {
-        self.send(Message::Item(item))
+    /// Hands over an item; an error if nobody wants it any more.
+    pub fn item(&self, item: T) -> Result<(), VamvsError> {
+        match self.send(Message::Item(item)) {
+            ControlFlow::Continue(()) => Ok(()),
+            ControlFlow::Break(()) => Err(VamvsError::Cancelled),
+        }
     }
 
     /// Waits until the message before this one was taken.
