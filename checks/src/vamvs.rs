@@ -12,6 +12,8 @@ use serde::de::DeserializeOwned;
 use vamvs_fusion::ViewReport;
 use wait4::Wait4;
 
+use crate::step::target;
+
 /// A `vamvs reconstruct` that succeeded.
 pub struct Reconstruction {
     /// What it told.
@@ -91,9 +93,7 @@ pub fn measured<T: DeserializeOwned>(command: &mut Command) -> Result<(T, Taken)
 
 /// The release build, beside the build that this program is of.
 pub fn binary() -> Result<PathBuf> {
-    let this = std::env::current_exe().context("where is this program?")?;
-    let target = this.ancestors().nth(2).context("this program is not in a target folder")?;
-    Ok(target.join("release").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX)))
+    Ok(target()?.join("release").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX)))
 }
 
 /// The command as one would type it.

@@ -6,7 +6,7 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::step::run;
+use crate::step::{run, target};
 use crate::{cargo, setup};
 
 /// A command of `vamvs-checks`, which knows its arguments.
@@ -24,9 +24,7 @@ impl Check {
         setup::ensure_any()?;
         let packages = ["build", "--release", "-p", "vamvs-cli", "-p", "vamvs-checks"];
         run("build", &mut cargo(&packages))?;
-        let this = std::env::current_exe().context("where is this program?")?;
-        let target = this.ancestors().nth(2).context("this program is not in a target folder")?;
-        let program = target.join("release").join(format!("vamvs-checks{}", std::env::consts::EXE_SUFFIX));
+        let program = target()?.join("release").join(format!("vamvs-checks{}", std::env::consts::EXE_SUFFIX));
         let status = Command::new(&program).arg(name).args(&self.arguments).status();
         let status = status.with_context(|| format!("{} could not be started", program.display()))?;
         ensure!(status.success(), "{name} failed ({status})");

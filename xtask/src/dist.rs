@@ -8,7 +8,8 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde_json::Value;
 
-use crate::step::{root, run};
+use crate::files::{copy, create_folder, list, remove, write};
+use crate::step::{root, run, target};
 use crate::{cargo, setup};
 
 /// Pack the `vamvs` command with its libtorch, man pages, completions and licences into a .tar.gz.
@@ -23,13 +24,18 @@ impl Dist {
     pub fn run(&self) -> Result<()> {
         ensure!(cfg!(target_os = "linux"), "a folder with its own libtorch is packed on Linux only");
         setup::ensure_any()?;
+        ensure!(
+            setup::used_folder() == setup::own_folder(),
+            "what is packed is the pinned libtorch: unset LIBTORCH and run this again"
+        );
+        ensure!(
+            setup::own_folder().join("licenses").is_dir() && !setup::own_folder().join("site").exists(),
+            "what is packed is the libtorch for the CPU with its licences: remove .libtorch and run this again"
+        );
         run("build", &mut cargo(&["build", "--release", "-p", "vamvs-cli"]))?;
         let name = format!("vamvs-{}-{}-linux", env!("CARGO_PKG_VERSION"), std::env::consts::ARCH);
         let (out, folder) = (root().join(&self.out), root().join(&self.out).join(&name));
-        if folder.exists() {
-            fs::remove_dir_all(&folder)
-                .with_context(|| format!("{} could not be removed", folder.display()))?;
-        }
+        remove(&folder)?;
         fill(&folder)?;
         let archive = out.join(format!("{name}.tar.gz"));
         let mut tar = Command::new("tar");
@@ -44,30 +50,24 @@ impl Dist {
 /// Puts everything into the folder.
 fn fill(folder: &Path) -> Result<()> {
     let program = folder.join("bin/vamvs");
-    copy(&root().join("target/release/vamvs"), &program)?;
+    copy(&target()?.join("release/vamvs"), &program)?;
     // Line numbers of panics are most of its size. Without strip it is larger, and else the same.
     Command::new("strip").arg("--strip-debug").arg(&program).status().ok();
-    let libraries = root().join(".libtorch/lib");
-    for entry in fs::read_dir(&libraries).with_context(|| libraries.display().to_string())? {
-        let library = entry?.path();
+    let libtorch = setup::own_folder();
+    for library in list(&libtorch.join("lib"))? {
         let name = library.file_name().context("a library has a name")?;
         // The linker's script is for builds.
         if name != "libtorch.so" {
             copy(&library, &folder.join("lib").join(name))?;
         }
     }
-    let licenses = root().join(".libtorch/licenses");
-    ensure!(
-        licenses.is_dir(),
-        "libtorch was set up without its licences: remove .libtorch and run this again"
-    );
-    run("licences", Command::new("cp").arg("-r").arg(&licenses).arg(folder))?;
+    run("licences", Command::new("cp").arg("-r").arg(libtorch.join("licenses")).arg(folder))?;
     for name in ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"] {
         copy(&root().join(name), &folder.join(name))?;
     }
     write(&folder.join("LICENSES.txt"), &licences()?)?;
     let manual = folder.join("share/man/man1");
-    fs::create_dir_all(&manual).with_context(|| manual.display().to_string())?;
+    create_folder(&manual)?;
     run("man pages", Command::new(&program).arg("man").arg(&manual))?;
     let shells = [
         ("bash", "bash-completion/completions/vamvs"),
@@ -134,39 +134,16 @@ fn used_by<'a>(metadata: &'a Value, name: &str) -> Vec<&'a str> {
 
 /// The texts of the licences in a crate's folder.
 fn texts(folder: &Path) -> Result<String> {
-    let mut files: Vec<PathBuf> = fs::read_dir(folder)
-        .with_context(|| folder.display().to_string())?
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| {
-            let name = path.file_name().unwrap_or_default().to_string_lossy().to_uppercase();
-            path.is_file()
-                && ["LICENSE", "LICENCE", "COPYING", "NOTICE"].iter().any(|start| name.starts_with(start))
-        })
-        .collect();
-    files.sort();
+    let is_licence = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_uppercase();
+        path.is_file()
+            && ["LICENSE", "LICENCE", "COPYING", "NOTICE"].iter().any(|start| name.starts_with(start))
+    };
+    let files: Vec<PathBuf> = list(folder)?.into_iter().filter(is_licence).collect();
     let read = |path: &PathBuf| fs::read(path).with_context(|| path.display().to_string());
     let texts: Vec<String> = files
         .iter()
         .map(|path| Ok(String::from_utf8_lossy(&read(path)?).into_owned()))
         .collect::<Result<_>>()?;
     Ok(texts.join("\n"))
-}
-
-fn copy(from: &Path, to: &Path) -> Result<()> {
-    make_parent(to)?;
-    fs::copy(from, to)
-        .with_context(|| format!("{} could not be copied to {}", from.display(), to.display()))?;
-    Ok(())
-}
-
-#[expect(clippy::disallowed_methods, reason = "the folder is made anew each time")]
-fn write(path: &Path, text: &str) -> Result<()> {
-    make_parent(path)?;
-    fs::write(path, text).with_context(|| format!("{} could not be written", path.display()))
-}
-
-fn make_parent(path: &Path) -> Result<()> {
-    let parent = path.parent().context("a file is in a folder")?;
-    fs::create_dir_all(parent).with_context(|| format!("{} could not be made", parent.display()))
 }

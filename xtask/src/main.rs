@@ -6,6 +6,7 @@
 mod bench;
 mod check;
 mod dist;
+mod files;
 mod fuzz;
 mod libtorch;
 mod pip;

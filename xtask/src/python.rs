@@ -1,14 +1,13 @@
 //! The Python package: its tests, and `cargo xtask wheel`.
 
-use std::ffi::OsString;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 
-use crate::step::{root, run};
+use crate::files::{copy, remove};
+use crate::step::{root, run, target};
 use crate::{cargo, pip, setup};
 
 /// Build the Python package `vamvs` as a wheel.
@@ -24,14 +23,14 @@ pub struct Wheel {
 impl Wheel {
     pub fn run(&self) -> Result<()> {
         setup::ensure_any()?;
-        let tools = root().join("target/python-tools");
+        let tools = target()?.join("python-tools");
         pip::install(&["maturin==1.9.6"], &tools, "100 MB")?;
         let out = root().join(&self.out);
         let mut maturin =
             Command::new(tools.join("bin").join(format!("maturin{}", std::env::consts::EXE_SUFFIX)));
         maturin.args(["build", "--release", "--out"]).arg(&out).current_dir(package());
         // Its flags differ from those of plain builds, which would else be made anew each time.
-        run("wheel", maturin.env("PYTHONPATH", &tools).env("CARGO_TARGET_DIR", root().join("target/wheel")))?;
+        run("wheel", maturin.env("PYTHONPATH", &tools).env("CARGO_TARGET_DIR", target()?.join("wheel")))?;
         println!("the wheel is in {}", out.display());
         Ok(())
     }
@@ -41,7 +40,7 @@ impl Wheel {
 pub fn test() -> Result<()> {
     // All of the workspace, as the tests before: alone the package would have its dependencies with other features.
     run("build the Python package", &mut cargo(&["build", "--workspace"]))?;
-    let site = root().join("target/python-site");
+    let site = target()?.join("python-site");
     pip::install(&["numpy>=1.24,<3", "pytest>=8,<10"], &site, "200 MB")?;
     assemble(&site)?;
     let mut pytest = Command::new("python3");
@@ -52,27 +51,11 @@ pub fn test() -> Result<()> {
 /// Puts the package and what passes for torch among installed packages.
 fn assemble(site: &Path) -> Result<()> {
     let (vamvs, torch) = (site.join("vamvs"), site.join("torch"));
-    for folder in [&vamvs, &torch] {
-        if folder.exists() {
-            fs::remove_dir_all(folder)
-                .with_context(|| format!("{} could not be removed", folder.display()))?;
-        }
-        fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))?;
-    }
-    copy(&root().join("target/debug/lib_vamvs.so"), &vamvs.join("_vamvs.abi3.so"))?;
+    [&vamvs, &torch].into_iter().try_for_each(|folder| remove(folder))?;
+    copy(&target()?.join("debug/lib_vamvs.so"), &vamvs.join("_vamvs.abi3.so"))?;
     copy(&package().join("python/vamvs/__init__.py"), &vamvs.join("__init__.py"))?;
-    let own =
-        std::env::var_os("LIBTORCH").filter(|own| !own.is_empty()).unwrap_or(OsString::from(".libtorch"));
-    let libraries = root().join(own).join("lib");
-    setup::symlink(&libraries, &torch.join("lib"))?;
     copy(&package().join("tests/no_torch.py"), &torch.join("__init__.py"))?;
-    Ok(())
-}
-
-fn copy(from: &Path, to: &Path) -> Result<()> {
-    fs::copy(from, to)
-        .with_context(|| format!("{} could not be copied to {}", from.display(), to.display()))?;
-    Ok(())
+    setup::symlink(&setup::used_folder().join("lib"), &torch.join("lib"))
 }
 
 fn package() -> PathBuf {

@@ -10,6 +10,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
+use crate::files::{create_folder, remove, replace, write};
 use crate::{libtorch, pip, root, unpack};
 
 /// Bring the pinned libtorch into `.libtorch/`, where every build finds it.
@@ -31,8 +32,19 @@ enum Kind {
 
 impl Setup {
     pub fn run(&self) -> Result<()> {
-        ensure_libtorch(&root().join(".libtorch"), if self.cuda { Kind::Cuda } else { Kind::Cpu })
+        ensure_libtorch(&own_folder(), if self.cuda { Kind::Cuda } else { Kind::Cpu })
     }
+}
+
+/// Where the pinned libtorch is.
+pub fn own_folder() -> PathBuf {
+    root().join(".libtorch")
+}
+
+/// Where the libtorch is that builds use: the pinned one, or the user's.
+pub fn used_folder() -> PathBuf {
+    let folder = own_folder();
+    users_libtorch(&folder).unwrap_or(folder)
 }
 
 /// Sets up whatever libtorch a build needs, unless there is one.
@@ -41,7 +53,7 @@ pub fn ensure_any() -> Result<()> {
 }
 
 fn ensure_libtorch(folder: &Path, kind: Kind) -> Result<()> {
-    if let Some(own) = own_libtorch(folder) {
+    if let Some(own) = users_libtorch(folder) {
         println!("LIBTORCH is set to {}: that libtorch is used, nothing to set up", own.display());
         return Ok(());
     }
@@ -87,7 +99,7 @@ impl Kind {
 }
 
 /// A libtorch that the user chose by LIBTORCH; Cargo itself sets it to the repository's folder.
-fn own_libtorch(folder: &Path) -> Option<PathBuf> {
+fn users_libtorch(folder: &Path) -> Option<PathBuf> {
     let given = PathBuf::from(std::env::var_os("LIBTORCH")?);
     let same = given == folder
         || given.canonicalize().is_ok_and(|given| folder.canonicalize().is_ok_and(|f| f == given));
@@ -164,27 +176,4 @@ pub fn symlink(target: &Path, link: &Path) -> Result<()> {
 #[cfg(not(unix))]
 pub fn symlink(_: &Path, _: &Path) -> Result<()> {
     anyhow::bail!("the libtorch for CUDA is set up on Linux only")
-}
-
-fn create_folder(folder: &Path) -> Result<()> {
-    fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))
-}
-
-/// Puts what is at `new` to `place` instead of what is there.
-fn replace(place: &Path, new: &Path) -> Result<()> {
-    remove(place)?;
-    fs::rename(new, place)
-        .with_context(|| format!("{} could not be renamed to {}", new.display(), place.display()))
-}
-
-/// Removes a file, link or folder, if there is one.
-fn remove(path: &Path) -> Result<()> {
-    let Ok(metadata) = fs::symlink_metadata(path) else { return Ok(()) };
-    let removed = if metadata.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
-    removed.with_context(|| format!("{} could not be removed", path.display()))
-}
-
-#[expect(clippy::disallowed_methods, reason = "what is half-written is written again, for want of a stamp")]
-fn write(path: &Path, text: &str) -> Result<()> {
-    fs::write(path, text).with_context(|| format!("{} could not be written", path.display()))
 }

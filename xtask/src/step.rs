@@ -1,4 +1,4 @@
-//! A named command that must succeed, and where the repository is.
+//! A named command that must succeed, and where the repository and its builds are.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -14,6 +14,12 @@ pub fn run(name: &str, command: &mut Command) -> Result<()> {
     ensure!(status.success(), "{name} failed ({status})");
     println!("── {name}: {:.0} s", start.elapsed().as_secs_f64());
     Ok(())
+}
+
+/// Cargo's target folder, that this program is in.
+pub fn target() -> Result<PathBuf> {
+    let this = std::env::current_exe().context("where is this program?")?;
+    Ok(this.ancestors().nth(2).context("this program is not in a target folder")?.to_owned())
 }
 
 /// The repository's root folder.

@@ -267,8 +267,8 @@ pub enum Quality {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Depth")]
 pub struct DepthFlags {
-    /// The network: vis-max (trained) or photometric (made by hand, an eighth of the time), which are built in, or a
-    /// TorchScript module [default: vis-max].
+    /// The network: vis-max (trained), vis-corr (light, still in training) or photometric (handcrafted), which are built
+    /// in, or a TorchScript module [default: vis-max].
     #[arg(long, value_name = "NAME|FILE.pt")]
     pub weights: Option<PathBuf>,
     /// auto, cpu, cuda or cuda:N [default: auto].

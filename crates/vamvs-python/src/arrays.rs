@@ -1,8 +1,8 @@
 //! NumPy arrays from and to grids.
 
 use nalgebra::{Matrix3, Vector3};
-use numpy::ndarray::{Array2, Array3};
-use numpy::{Element, IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::ndarray::{Array, IntoDimension};
+use numpy::{Element, IntoPyArray, PyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use vamvs::core::{Grid, Intrinsics, Pose, Size};
@@ -13,8 +13,7 @@ pub fn from_grid<'py, T: Element + Copy>(
     grid: &Grid<T>,
 ) -> PyResult<Bound<'py, PyArray2<T>>> {
     let shape = (grid.height(), grid.width());
-    let array = Array2::from_shape_vec(shape, grid.data().to_vec());
-    Ok(array.map_err(|error| PyValueError::new_err(error.to_string()))?.into_pyarray(py))
+    array(py, shape, grid.data())
 }
 
 /// A grid of triples as an array (H, W, 3).
@@ -23,8 +22,7 @@ pub fn from_triples<'py, T: Element + Copy>(
     grid: &Grid<[T; 3]>,
 ) -> PyResult<Bound<'py, PyArray3<T>>> {
     let shape = (grid.height(), grid.width(), 3);
-    let array = Array3::from_shape_vec(shape, grid.data().as_flattened().to_vec());
-    Ok(array.map_err(|error| PyValueError::new_err(error.to_string()))?.into_pyarray(py))
+    array(py, shape, grid.data().as_flattened())
 }
 
 /// Rows of numbers as an array.
@@ -32,7 +30,16 @@ pub fn from_rows<'py, T: Element + Copy, const N: usize>(
     py: Python<'py>,
     rows: &[[T; N]],
 ) -> PyResult<Bound<'py, PyArray2<T>>> {
-    let array = Array2::from_shape_vec((rows.len(), N), rows.as_flattened().to_vec());
+    array(py, (rows.len(), N), rows.as_flattened())
+}
+
+/// An array of this shape, its last index the fastest.
+fn array<'py, T: Element + Copy, S: IntoDimension>(
+    py: Python<'py>,
+    shape: S,
+    values: &[T],
+) -> PyResult<Bound<'py, PyArray<T, S::Dim>>> {
+    let array = Array::from_shape_vec(shape.into_dimension(), values.to_vec());
     Ok(array.map_err(|error| PyValueError::new_err(error.to_string()))?.into_pyarray(py))
 }
 

@@ -1,6 +1,7 @@
 //! Clouds, and fusing depth maps to one.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
@@ -31,7 +32,7 @@ pub fn fuse(
     let fusion = options.fusion()?;
     options.finish()?;
     let map = |map: PyResult<Bound<'_, PyAny>>| Ok(map?.cast::<DepthMap>()?.get().0.clone());
-    let maps: Vec<ViewMap> = maps.try_iter()?.map(map).collect::<PyResult<_>>()?;
+    let maps: Vec<Arc<ViewMap>> = maps.try_iter()?.map(map).collect::<PyResult<_>>()?;
     let work = Work::begin(on_event, move |teller| {
         let cloud = fuse_in_memory(&maps, &fusion, &mut |event| teller.event(event))?;
         teller.item(cloud)

@@ -1,5 +1,7 @@
 //! Depth maps.
 
+use std::sync::Arc;
+
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -13,7 +15,7 @@ use crate::work::Work;
 
 /// A depth map with its camera, confidence, normals and photograph.
 #[pyclass(frozen, module = "vamvs")]
-pub struct DepthMap(pub ViewMap);
+pub struct DepthMap(pub Arc<ViewMap>);
 
 /// Depth maps that are made one by one.
 #[pyclass(frozen, module = "vamvs")]
@@ -26,7 +28,7 @@ impl DepthMaps {
     }
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<DepthMap>> {
-        Ok(self.0.next(py)?.map(DepthMap))
+        Ok(self.0.next(py)?.map(|map| DepthMap(Arc::new(map))))
     }
 }
 
@@ -59,7 +61,7 @@ impl DepthMap {
         let camera = Pinhole { size, intrinsics: to_intrinsics(&K)? };
         let cam_from_world = to_pose(&cam_from_world)?;
         let map = core::DepthMap { camera, cam_from_world, depth, confidence, coarse_confidence: None };
-        Ok(Self(ViewMap { name, view: 0, map, normals, colour, neighbours: Vec::new() }))
+        Ok(Self(Arc::new(ViewMap { name, view: 0, map, normals, colour, neighbours: Vec::new() })))
     }
 
     #[getter]

@@ -15,7 +15,7 @@ use crate::work::Work;
 /// What was done.
 #[pyclass(frozen, get_all, module = "vamvs")]
 pub struct Reconstructed {
-    /// The cloud's file.
+    /// The cloud's file; no new one is written if no point passes the filters.
     cloud: PathBuf,
     points: u64,
     /// Depth maps made now.

@@ -27,10 +27,10 @@ impl State {
         Self { plane, energy: IMPOSSIBLE, ..Self::default() }
     }
 
-    /// A plane with what is known of it.
-    pub fn new(plane: Plane, judged: Judged, settled: bool) -> Self {
+    /// A plane with what is known of it, which is not that it is the best around.
+    pub fn new(plane: Plane, judged: Judged) -> Self {
         let Judged { energy, correlation, best } = judged;
-        Self { plane, energy, correlation, best, settled }
+        Self { plane, energy, correlation, best, settled: false }
     }
 
     /// What another plane must surpass.

@@ -111,7 +111,7 @@ pub(crate) fn consider(pixel: &Pixel, plane: Plane, state: &mut State) {
     let rival = (state.best != 0).then(|| state.judged());
     let judged = pixel.energy(&plane, rival);
     if judged.energy < state.energy {
-        *state = State::new(plane, judged, false);
+        *state = State::new(plane, judged);
     }
 }
 
@@ -135,7 +135,7 @@ fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
     let judged = pixel.energy_in(&plane, state.best);
     let is_better = judged.energy < state.energy;
     if is_better {
-        *state = State::new(plane, judged, false);
+        *state = State::new(plane, judged);
     }
     state.settled = length < NEGLIGIBLE || !is_better;
 }

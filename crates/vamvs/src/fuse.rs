@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use vamvs_fusion::{FuseEvent, FuseJob, FusedPoints, MapSource, ViewReport};
+use vamvs_fusion::{BoxError, FuseEvent, FuseJob, FuseReport, FusedPoints, MapSource, ViewReport};
 
 use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
@@ -54,31 +54,36 @@ pub fn fuse(
     alone.iter().try_for_each(|view| tell(on_event, Event::left_out(view)))?;
     let skipped = [maps.left_out(), &alone].concat();
     let mut exporter = Exporter::begin(maps, cloud, exports)?;
-    let left = options.max_memory.left();
-    let memory = left - left / SPARE;
-    let job = FuseJob {
-        source: maps,
-        neighbours: &neighbours,
-        options: &options.filter,
-        roi: options.roi,
-        memory: memory as usize,
-    };
-    let total = 2 * maps.len();
-    let mut done = 0;
-    let mut progress = |_: FuseEvent| {
-        done += 1;
-        on_event(Event::Fusion { done, total })
-    };
-    let mut sink = |fused: &FusedPoints| Ok(exporter.push(fused)?);
     let begin = Instant::now();
-    let report = vamvs_fusion::fuse(&job, &mut sink, &mut progress)?;
-    warn_of_memory(report.memory, memory, options.max_memory, on_event)?;
+    let report = merge(maps, &neighbours, options, |fused| Ok(exporter.push(fused)?), on_event)?;
     let (points, fusing) = (report.total().points, begin.elapsed());
     if points > 0 {
         exporter.finish(&neighbours, &options.filter, on_event)?;
     }
     let views = maps.names().iter().cloned().zip(report.views).collect();
     Ok(FuseSummary { points, views, skipped, fusing, exporting: begin.elapsed() - fusing })
+}
+
+/// Fuses depth maps from anywhere; the points go to `sink`.
+pub(crate) fn merge<S: MapSource + ?Sized>(
+    source: &S,
+    neighbours: &[Vec<usize>],
+    options: &FusionOptions,
+    mut sink: impl FnMut(&FusedPoints) -> Result<(), BoxError>,
+    on_event: &mut OnEvent<'_>,
+) -> Result<FuseReport, VamvsError> {
+    let left = options.max_memory.left();
+    let memory = left - left / SPARE;
+    let (filter, roi) = (&options.filter, options.roi);
+    let job = FuseJob { source, neighbours, options: filter, roi, memory: memory as usize };
+    let (mut done, total) = (0, 2 * source.len());
+    let mut progress = |_: FuseEvent| {
+        done += 1;
+        on_event(Event::Fusion { done, total })
+    };
+    let report = vamvs_fusion::fuse(&job, &mut sink, &mut progress)?;
+    warn_of_memory(report.memory, memory, options.max_memory, on_event)?;
+    Ok(report)
 }
 
 /// The views of which no point can be confirmed.

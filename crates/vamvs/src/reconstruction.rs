@@ -52,7 +52,7 @@ pub struct Reconstructed {
     pub depth: DepthSummary,
     /// The cloud.
     pub fusion: FuseSummary,
-    /// The cloud's file.
+    /// The cloud's file; no new one is written if no point passes the filters.
     pub cloud: PathBuf,
 }
 

@@ -1,13 +1,15 @@
 //! Depth maps in memory.
 
+use std::borrow::Borrow;
 use std::collections::HashMap;
 use std::convert::Infallible;
 
 use vamvs_core::{Cloud, DepthMap, Grid, Pinhole, Rgb, Scene, Source, View, view_selection};
-use vamvs_fusion::{FuseEvent, FuseJob, FusedPoints, FusionView, MapSource, MaskedMap};
+use vamvs_fusion::{FusedPoints, FusionView, MapSource, MaskedMap};
 
 use crate::event::OnEvent;
-use crate::{Event, FusionOptions, VamvsError};
+use crate::fuse::merge;
+use crate::{FusionOptions, VamvsError};
 
 /// A depth map with all that fusion needs of its view.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,34 +33,23 @@ pub struct ViewMap {
 ///
 /// # Errors
 /// If an option makes no sense, a grid has not its depth map's size, or `on_event` breaks.
-pub fn fuse_in_memory(
-    maps: &[ViewMap],
+pub fn fuse_in_memory<M: Borrow<ViewMap> + Sync>(
+    maps: &[M],
     options: &FusionOptions,
     on_event: &mut OnEvent<'_>,
 ) -> Result<Cloud, VamvsError> {
-    let (source, neighbours) = (InMemory(maps), neighbours(maps, options.neighbours));
-    let job = FuseJob {
-        source: &source,
-        neighbours: &neighbours,
-        options: &options.filter,
-        roi: options.roi,
-        memory: options.max_memory.left() as usize,
-    };
-    let (mut done, total) = (0, 2 * maps.len());
-    let mut progress = |_: FuseEvent| {
-        done += 1;
-        on_event(Event::Fusion { done, total })
-    };
+    let maps: Vec<&ViewMap> = maps.iter().map(Borrow::borrow).collect();
+    let neighbours = neighbours(&maps, options.neighbours);
     let mut cloud = Cloud::new();
-    let mut sink = |fused: &FusedPoints| {
+    let sink = |fused: &FusedPoints| {
         cloud.extend_from_slice(fused.points());
         Ok(())
     };
-    vamvs_fusion::fuse(&job, &mut sink, &mut progress)?;
+    merge(&InMemory(&maps), &neighbours, options, sink, on_event)?;
     Ok(cloud)
 }
 
-struct InMemory<'a>(&'a [ViewMap]);
+struct InMemory<'a>(&'a [&'a ViewMap]);
 
 impl MapSource for InMemory<'_> {
     type Error = Infallible;
@@ -68,7 +59,7 @@ impl MapSource for InMemory<'_> {
     }
 
     fn load(&self, view: usize) -> Result<FusionView, Infallible> {
-        let ViewMap { map, normals, colour, .. } = self.0[view].clone();
+        let ViewMap { map, normals, colour, .. } = self.0[view].to_owned();
         Ok(FusionView { map, mask: None, colour, normals })
     }
 
@@ -78,7 +69,7 @@ impl MapSource for InMemory<'_> {
 }
 
 /// For each map, the maps of at most `count` other views that see the same surfaces.
-fn neighbours(maps: &[ViewMap], count: usize) -> Vec<Vec<usize>> {
+fn neighbours(maps: &[&ViewMap], count: usize) -> Vec<Vec<usize>> {
     if maps.iter().all(|map| map.neighbours.is_empty()) {
         return by_cameras(maps, count);
     }
@@ -88,12 +79,12 @@ fn neighbours(maps: &[ViewMap], count: usize) -> Vec<Vec<usize>> {
     }
     let maps_of = |source: &Source| of_view.get(&source.view).cloned().unwrap_or_default();
     let there = |source: &&Source| of_view.contains_key(&source.view);
-    let others = |map: &ViewMap| map.neighbours.iter().filter(there).take(count).flat_map(maps_of).collect();
+    let others = |map: &&ViewMap| map.neighbours.iter().filter(there).take(count).flat_map(maps_of).collect();
     maps.iter().map(others).collect()
 }
 
-fn by_cameras(maps: &[ViewMap], count: usize) -> Vec<Vec<usize>> {
-    let view = |(id, map): (usize, &ViewMap)| View {
+fn by_cameras(maps: &[&ViewMap], count: usize) -> Vec<Vec<usize>> {
+    let view = |(id, map): (usize, &&ViewMap)| View {
         id: id as u32,
         name: map.name.clone(),
         camera: map.map.camera.into(),

@@ -1,5 +1,6 @@
 //! Which network is used.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use vamvs_io::IoError;
@@ -36,13 +37,13 @@ pub fn load(weights: Option<&Path>, device: Device) -> Result<Network, VamvsErro
 ///
 /// # Errors
 /// If the file cannot be read.
-pub fn bytes(weights: Option<&Path>) -> Result<Vec<u8>, VamvsError> {
+pub fn bytes(weights: Option<&Path>) -> Result<Cow<'static, [u8]>, VamvsError> {
     match source(weights) {
-        Source::BuiltIn(_, bytes) => Ok(bytes.to_vec()),
+        Source::BuiltIn(_, bytes) => Ok(bytes.into()),
         Source::File(path) => {
             let failed =
                 |source| IoError::System { action: "read the weights", path: path.to_owned(), source };
-            Ok(std::fs::read(path).map_err(failed)?)
+            Ok(std::fs::read(path).map_err(failed)?.into())
         }
     }
 }

@@ -118,7 +118,8 @@ def reconstruct(
     on_event: Optional[OnEvent] = None,
     **options: Any,
 ) -> Reconstructed:
-    """`vamvs reconstruct`: depth maps and fused.ply in the folder `out`; an interrupted run goes on where it was.
+    """Depth maps and fused.ply in the folder `out`; an interrupted run goes on where it was. Neither run.toml nor a report is
+    written, and if no point passes the filters no cloud.
 
     Options are quality ('draft', 'normal' or 'best') and those of run.toml's [depth] and [fusion], with underscores."""
 

@@ -69,12 +69,6 @@ impl<'a> DepthMaps<'a> {
         }
     }
 
-    /// How many views there are still to come, those without depth map included.
-    #[must_use]
-    pub fn left(&self) -> usize {
-        self.waiting.len()
-    }
-
     /// Makes the depth maps of one view; fails only if the caller wants to end.
     fn view(&mut self, view: usize) -> Result<(), VamvsError> {
         let (work, begin) = (self.work, Instant::now());
