@@ -64,19 +64,19 @@ def main() -> None:
     parser.add_argument("--no-plane-depth", action="store_true", help="vis-var: visibility without the plane's depth")
     parser.add_argument("--no-image-features", action="store_true", help="points know their position alone")
     parser.add_argument(
-        "--matched", action="store_true", help="vis-avg, vis-max: the coarse stage knows what the hand-made matcher finds"
+        "--matched", action="store_true", help="vis-avg, vis-max: the coarse stage knows what the handcrafted matcher finds"
     )
     parser.add_argument(
         "--window", type=int, help="the coarse depth is the expectation over so many planes to each side of the likeliest"
     )
     parser.add_argument(
-        "--completion", type=float, nargs=2, metavar=("STIFFNESS", "POWER"), help="complete blank surfaces at 1/8"
+        "--completion", type=float, nargs=2, metavar=("STIFFNESS", "POWER"), help="complete depth on textureless surfaces at 1/8"
     )
     parser.add_argument(
-        "--guide", type=float, metavar="GREYS", help="enlarge maps along the photograph's edges; deviation of colours"
+        "--guide", type=float, metavar="GREYS", help="joint bilateral upsampling; deviation of colours"
     )
-    parser.add_argument("--cells", type=int, choices=(8, 4), default=8, help="width of the coarse cells, pixels")
-    parser.add_argument("--stride", type=int, choices=STRIDES, default=4, help="vis-corr: stride of the coarse features")
+    parser.add_argument("--coarse-stride", type=int, choices=(8, 4), default=8, help="of the coarse depth map, pixels")
+    parser.add_argument("--feature-stride", type=int, choices=STRIDES, default=4, help="vis-corr: stride of the coarse features")
     parser.add_argument(
         "--steps", type=float, nargs=3, default=STEPS, help="between hypotheses at 1/8, 1/4, 1/2, plane distances"
     )
@@ -99,7 +99,7 @@ def main() -> None:
     if arguments.network == "photometric":
         module = Photometric()
     elif arguments.network == "vis-corr":
-        module = VisCorr(arguments.norm, arguments.stride)
+        module = VisCorr(arguments.norm, arguments.feature_stride)
     else:
         module = VaPointMvsNet(
             arguments.network,
@@ -113,7 +113,7 @@ def main() -> None:
             arguments.window,
             arguments.completion,
             arguments.guide,
-            arguments.cells,
+            arguments.coarse_stride,
             tuple(arguments.steps),
             arguments.flow_sources,
         )

@@ -1,4 +1,4 @@
-"""The hand-made coarse matcher: descriptors of oriented gradients, normalised correlation under a robust
+"""The handcrafted coarse matcher: descriptors of oriented gradients, normalised correlation under a robust
 kernel, and semi-global aggregation (Hirschmüller, PAMI 2008). Nothing is learned.
 """
 
@@ -29,7 +29,7 @@ class GradientMatcher(nn.Module):
         return (images * self.luminance).sum(dim=1, keepdim=True)
 
     def descriptors(self, images: Tensor) -> Tensor:
-        """Histograms of oriented gradients of 3×3 cells of 8 pixels: (B, 3, H, W) → (B, 72, H/8, W/8)."""
+        """Histograms of oriented gradients of 3×3 HOG cells, each 8 pixels wide: (B, 3, H, W) → (B, 72, H/8, W/8)."""
         cells = self.cells(images)
         b, c, h, w = cells.shape
         around = F.unfold(F.pad(cells, [1, 1, 1, 1], mode="replicate"), 3).view(b, c * 9, h, w)
@@ -37,7 +37,7 @@ class GradientMatcher(nn.Module):
         return centred / (centred.square().sum(dim=1, keepdim=True) + 1e-4).sqrt()
 
     def cells(self, images: Tensor) -> Tensor:
-        """Histograms of oriented gradients of cells of 8 pixels: (B, 3, H, W) → (B, 8, H/8, W/8)."""
+        """Histograms of oriented gradients of HOG cells, each 8 pixels wide: (B, 3, H, W) → (B, 8, H/8, W/8)."""
         grey = F.avg_pool2d(self.grey(images), 2)
         padded = F.pad(grey, [1, 1, 1, 1], mode="replicate")
         dx = padded[:, :, 1:-1, 2:] - padded[:, :, 1:-1, :-2]

@@ -1,4 +1,4 @@
-"""`photometric`: a hand-made network of the same contract, with nothing learned.
+"""`photometric`: a handcrafted network of the same contract, with nothing learned.
 
 A classical plane-sweep matcher. Coarse stage: descriptors of oriented gradients at 1/8, similarity to
 each source view by normalised correlation under a robust kernel, the mean over the views, semi-global
@@ -34,7 +34,7 @@ class Photometric(nn.Module):
                 "planes": 96,
                 "iterations": [{"scale": 8, "step": 0.5}, {"scale": 4, "step": 0.35}, {"scale": 2, "step": 0.15}],
                 "licence": "MIT OR Apache-2.0",
-                "trained_on": "nothing: hand-made",
+                "trained_on": "nothing: handcrafted",
                 "scores": {},
             }
         )

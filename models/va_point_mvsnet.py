@@ -248,16 +248,16 @@ class VaPointMvsNet(nn.Module):
     directly, table 8), the plane's depth where visibility is predicted (table 3), the image features of the
     points (table 6).
 
-    The last options go beyond the paper. `matched`: the volume's regularisation is also given what the hand-made
+    The last options go beyond the paper. `matched`: the volume's regularisation is also given what the handcrafted
     matcher finds, and what the network says is added to the matcher's own costs; so it learns where the matcher
-    is wrong, from far fewer samples. `window`, `completion`, `guide`, `cells`, `flow_sources`: what the manifest asks of
+    is wrong, from far fewer samples. `window`, `completion`, `guide`, `coarse_stride`, `flow_sources`: what the manifest asks of
     the stages around the network, see README.md beside this file.
     """
 
     pairwise: Final[bool]  # vis-avg, vis-max: views are related to the reference one by one
     weighted: Final[bool]  # vis-var: views are weighted by what they see
     plane_depth: Final[bool]
-    matched: Final[bool]  # the coarse stage knows what the hand-made matcher finds
+    matched: Final[bool]  # the coarse stage knows what the handcrafted matcher finds
 
     def __init__(
         self,
@@ -272,7 +272,7 @@ class VaPointMvsNet(nn.Module):
         window: Optional[int] = None,
         completion: Optional[tuple[float, float]] = None,
         guide: Optional[float] = None,
-        cells: int = 8,
+        coarse_stride: int = 8,
         steps: tuple[float, float, float] = STEPS,
         flow_sources: Optional[int] = None,
     ) -> None:
@@ -280,7 +280,7 @@ class VaPointMvsNet(nn.Module):
         if aggregation not in AGGREGATIONS:
             raise ValueError(f"aggregation must be one of {AGGREGATIONS}, not {aggregation!r}")
         if matched and aggregation not in ("vis-avg", "vis-max"):
-            raise ValueError(f"the hand-made matcher compares pairs of views, as {aggregation} does not")
+            raise ValueError(f"the handcrafted matcher compares pairs of views, as {aggregation} does not")
         self.plane_depth = plane_depth
         self.matched = matched
         self.pairwise = aggregation in ("vis-avg", "vis-max")
@@ -308,8 +308,8 @@ class VaPointMvsNet(nn.Module):
             about["completion"] = {"stiffness": completion[0], "power": completion[1]}
         if guide is not None:
             about["guide"] = guide
-        if cells != 8:
-            about["cells"] = cells
+        if coarse_stride != 8:
+            about["coarse_stride"] = coarse_stride
         if flow_sources is not None:
             about["flow_sources"] = flow_sources
         self.about = json.dumps(about)

@@ -49,12 +49,12 @@ impl Map {
 /// shares of the true depth.
 pub fn relative_errors<'a>(
     depths: impl IntoIterator<Item = &'a Grid<f32>>,
-    truth: impl IntoIterator<Item = &'a Grid<f32>>,
+    ground_truth: impl IntoIterator<Item = &'a Grid<f32>>,
     thresholds: &[f64],
 ) -> Result<DepthErrors> {
     let mut samples = DepthSamples::default();
-    for (depth, truth) in depths.into_iter().zip(truth) {
-        samples.add(&MapPair { depth, truth, visible: None, plane: None })?;
+    for (depth, ground_truth) in depths.into_iter().zip(ground_truth) {
+        samples.add(&MapPair { depth, ground_truth, visible: None, plane: None })?;
     }
     let thresholds: Vec<_> = thresholds.iter().copied().map(Threshold::Relative).collect();
     Ok(samples.errors(Region::All, &thresholds))

@@ -21,7 +21,7 @@ use crate::vamvs::{self, Reconstruction};
 /// Reconstruct real photographs and show what comes out.
 ///
 /// Known are folders of these names: herz_jesus_p8 and kermit (COLMAP models), dtu_scan37 (MVSNet
-/// layout), dino_sparse_ring (Middlebury) and red_kitchen (7-Scenes, whose sensor gives a rough truth).
+/// layout), dino_sparse_ring (Middlebury) and red_kitchen (7-Scenes, whose sensor gives a rough ground truth).
 #[derive(Args)]
 pub struct Real {
     /// Folder of scenes.
@@ -119,18 +119,18 @@ impl Real {
         std::fs::create_dir_all(&self.out)
             .with_context(|| format!("{} could not be made", self.out.display()))?;
         let mut outcomes = Vec::new();
-        let mut failures = Vec::new();
+        let mut failed = Vec::new();
         for known in wanted {
             match self.scene(known) {
                 Ok(outcome) => outcomes.push(outcome),
-                Err(error) => failures.push(format!("{}: {error:#}", known.name)),
+                Err(error) => failed.push(format!("{}: {error:#}", known.name)),
             }
         }
-        let text = report(&outcomes, &failures);
+        let text = report(&outcomes, &failed);
         let file = self.out.join("real.md");
         atomic::write(&file, |out| out.write_all(text.as_bytes()))?;
         println!("\n{text}\n{}", file.display());
-        ensure!(failures.is_empty(), "{} of the scenes failed", failures.len());
+        ensure!(failed.is_empty(), "{} of the scenes failed", failed.len());
         Ok(())
     }
 
@@ -257,10 +257,9 @@ fn cloud_picture(cloud: &[CloudPoint], file: &Path, look: Look) -> Result<Grid<R
 }
 
 /// All results as Markdown.
-fn report(outcomes: &[Outcome], failures: &[String]) -> String {
+fn report(outcomes: &[Outcome], failed: &[String]) -> String {
     let mut lines = vec![
-        "| scene | views | seconds a view | points | pixels kept | not confident | not confirmed |"
-            .to_owned(),
+        "| scene | views | seconds a view | points | pixels kept | not confident | inconsistent |".to_owned(),
         "|---|---|---|---|---|---|---|".to_owned(),
     ];
     lines.extend(outcomes.iter().map(Outcome::row));
@@ -272,7 +271,7 @@ fn report(outcomes: &[Outcome], failures: &[String]) -> String {
         lines.push("|---|---|---|---|---|---|---|".to_owned());
         lines.extend(outcomes.iter().flat_map(Outcome::error_rows));
     }
-    lines.extend(failures.iter().map(|failure| format!("\nFailed: {failure}")));
+    lines.extend(failed.iter().map(|problem| format!("\nFailed: {problem}")));
     lines.join("\n") + "\n"
 }
 
@@ -281,10 +280,10 @@ impl Outcome {
         let total = &self.reconstruction.summary.fusion.total;
         let share = |count: u64| percent(count as f64 / total.pixels.max(1) as f64);
         let (kept, unconfident) = (percent(total.kept()), share(total.unconfident));
-        let unconfirmed = share(total.inconsistent);
+        let inconsistent = share(total.inconsistent);
         let (name, views, seconds) = (self.name, self.views, self.seconds_a_view());
         let points = total.points;
-        format!("| {name} | {views} | {seconds} | {points} | {kept} | {unconfident} | {unconfirmed} |")
+        format!("| {name} | {views} | {seconds} | {points} | {kept} | {unconfident} | {inconsistent} |")
     }
 
     /// Of the depth maps that were made now.

@@ -6,12 +6,12 @@
 #![no_main]
 #![allow(clippy::unwrap_used, reason = "a fuzzer that cannot begin has failed")]
 
-#[path = "../../crates/vamvs-io/tests/mangle/fixture.rs"]
+#[path = "../../crates/vamvs-io/tests/malformed/fixture.rs"]
 mod fixture;
 #[path = "../../crates/vamvs-io/tests/mat_file/mod.rs"]
 mod mat_file;
 #[macro_use]
-#[path = "../../crates/vamvs-io/tests/mangle/readers.rs"]
+#[path = "../../crates/vamvs-io/tests/malformed/readers.rs"]
 #[allow(dead_code, reason = "memory is limited by libFuzzer")]
 mod readers;
 

@@ -19,8 +19,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let reference = 4;
     let order = [3, 5, 2, 6, 1, 7, 0, 8];
     let sources: Vec<_> = order[..views - 1].iter().map(|&i| &encoded[i]).collect();
-    let truth = &rendered[reference].depth;
-    let valid: Vec<f32> = truth.data().iter().copied().filter(|d| *d > 0.0).collect();
+    let ground_truth = &rendered[reference].depth;
+    let valid: Vec<f32> = ground_truth.data().iter().copied().filter(|d| *d > 0.0).collect();
     let near = valid.iter().copied().fold(f32::MAX, f32::min);
     let far = valid.iter().copied().fold(0.0, f32::max);
     let planes = Planes {
@@ -38,21 +38,26 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let shape = stage.u.size();
         let size = Size::new(shape[1] as usize, shape[0] as usize);
         let u = Grid::from_vec(size, Vec::<f32>::try_from(stage.u.contiguous().flatten(0, -1))?);
-        report(index, &u, truth, &planes);
+        report(index, &u, ground_truth, &planes);
     }
     Ok(())
 }
 
-fn report(index: usize, u: &Grid<f32>, truth: &Grid<f32>, planes: &Planes) {
-    let scale = truth.width() / u.width();
+fn report(index: usize, u: &Grid<f32>, ground_truth: &Grid<f32>, planes: &Planes) {
+    let scale = ground_truth.width() / u.width();
     let mut errors = Vec::new();
     for y in 0..u.height() {
         for x in 0..u.width() {
             let (tx, ty) = (x * scale + scale / 2, y * scale + scale / 2);
             let t = if scale == 1 {
-                truth[(x, y)]
+                ground_truth[(x, y)]
             } else {
-                let q = [truth[(tx, ty)], truth[(tx - 1, ty)], truth[(tx, ty - 1)], truth[(tx - 1, ty - 1)]];
+                let q = [
+                    ground_truth[(tx, ty)],
+                    ground_truth[(tx - 1, ty)],
+                    ground_truth[(tx, ty - 1)],
+                    ground_truth[(tx - 1, ty - 1)],
+                ];
                 let (lo, hi) =
                     (q.iter().copied().fold(f32::MAX, f32::min), q.iter().copied().fold(0.0, f32::max));
                 if hi > lo * 1.02 {

@@ -8,7 +8,7 @@ use vamvs_synth::{Effects, RenderOptions, Shot, Tracer};
 
 use crate::rig::Station;
 
-/// A rendered photograph and its truth, all of one size.
+/// A rendered photograph and its ground truth, all of one size.
 #[derive(Clone, Debug)]
 pub struct Rendered {
     /// The photograph with its camera and pose.
@@ -27,8 +27,8 @@ pub fn render(tracer: &Tracer, stations: &[Station], options: &RenderOptions) ->
     let images = develop(&shots, &Effects::NONE, &mut Pcg64::seed_from_u64(0));
     let rendered = |((&(camera, cam_from_world), shot), image): ((&Station, Shot), Grid<_>)| Rendered {
         photo: Photo { camera, cam_from_world, image, mask: None },
-        depth: shot.truth.depth,
-        normal: shot.truth.normal,
+        depth: shot.ground_truth.depth,
+        normal: shot.ground_truth.normal,
     };
     stations.iter().zip(shots).zip(images).map(rendered).collect()
 }

@@ -17,10 +17,10 @@ const PLANES: usize = 64;
 /// hardest to tell: most of it is not tensors.
 const LIKELY: std::ops::Range<f64> = 0.7..1.6;
 
-/// Tells the child which network, cells and size it measures.
+/// Tells the child which network, coarse stride and size it measures.
 const ASKED: &str = "VAMVS_TEST_PEAK";
 
-/// Built-in networks with the cells they are used with.
+/// Built-in networks with the coarse strides they are used with.
 const NETWORKS: [(&str, usize); 4] = [("photometric", 8), ("vis-max", 8), ("vis-max", 4), ("vis-corr", 4)];
 
 #[test]
@@ -29,12 +29,15 @@ fn the_expected_peak_is_that_of_the_process() {
         return measure(&asked);
     }
     let mut ratios = Vec::new();
-    for (network, cells) in NETWORKS {
+    for (network, coarse_stride) in NETWORKS {
         for size in ["320x240", "512x384"] {
-            let (expected, peak) = peak_in_a_process(&format!("{network} {cells} {size}"));
+            let (expected, peak) = peak_in_a_process(&format!("{network} {coarse_stride} {size}"));
             let ratio = expected / peak;
-            println!("{network}, cells of {cells}, {size}: {expected:.0} MiB expected, {peak:.0} MiB taken");
-            ratios.push((format!("{network}, cells of {cells}, {size}: {ratio:.2}"), ratio));
+            println!(
+                "{network}, a coarse stride of {coarse_stride}, {size}: {expected:.0} MiB expected, {peak:.0} MiB taken"
+            );
+            ratios
+                .push((format!("{network}, a coarse stride of {coarse_stride}, {size}: {ratio:.2}"), ratio));
         }
     }
     let wrong: Vec<_> = ratios.iter().filter(|(_, ratio)| !LIKELY.contains(ratio)).collect();
@@ -60,7 +63,7 @@ fn measure(asked: &str) {
     let views = fixtures::still_life(size, VIEWS);
     let path = format!("{}/../weights/{}.pt", env!("CARGO_MANIFEST_DIR"), parts[0]);
     let mut network = Network::load(path.as_ref(), Device::Cpu).unwrap();
-    network.set_cells(parts[1].parse().unwrap()).unwrap();
+    network.set_coarse_stride(parts[1].parse().unwrap()).unwrap();
     let options = EstimatorOptions::of(&network);
     let estimator = Estimator::new(network, options).unwrap();
     let range = folder::depth_range(&views[0], 1.05).unwrap();

@@ -1,4 +1,4 @@
-//! The network crate on rendered scenes: exact truth, invariances, independence of how the work is cut.
+//! The network crate on rendered scenes: exact ground truth, invariances, independence of how the work is cut.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -279,14 +279,14 @@ fn photometric_reconstructs_a_tilted_plane() {
     let order = [2, 1, 3, 0, 4];
     let map =
         depth(&estimator("weights/photometric"), &order.map(|i| &views[i].photo), &planes(&views[2], 64));
-    let truth = &views[2].depth;
+    let ground_truth = &views[2].depth;
     let (mut errors, mut inner) = (Vec::new(), Vec::new());
     for y in 0..map.depth.height() {
         for x in 0..map.depth.width() {
             // The plane's depth at the corner of four pixels is the harmonic mean of theirs.
-            let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| truth[(2 * x + i, 2 * y + j)]);
-            let truth = 4.0 / four.iter().map(|d| 1.0 / d).sum::<f32>();
-            let error = (map.depth[(x, y)] - truth).abs() / truth;
+            let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| ground_truth[(2 * x + i, 2 * y + j)]);
+            let ground_truth = 4.0 / four.iter().map(|d| 1.0 / d).sum::<f32>();
+            let error = (map.depth[(x, y)] - ground_truth).abs() / ground_truth;
             errors.push(error);
             if (40..200).contains(&x) && (30..150).contains(&y) {
                 inner.push(error);
@@ -326,15 +326,15 @@ fn a_region_gives_the_depth_of_the_whole_there() {
     assert!(same as f64 > 0.95 * f64::from(count), "{same} of {count}");
 }
 
-/// Cells of 4 pixels: what is enlarged stays inside, all sizes, places and cameras are still the photograph's.
+/// A coarse stride of 4: what is enlarged stays inside, all sizes, places and cameras are still the photograph's.
 #[test]
 fn smaller_cells_give_what_enlarged_photographs_give() {
     let views = fixtures::tilted_plane(Size::new(202, 150), 3);
     let planes = planes(&views[1], 32);
     let order = [1, 0, 2].map(|i| &views[i].photo);
     let mut network = module("weights/photometric");
-    network.set_cells(4).unwrap();
-    assert!(network.set_cells(16).unwrap_err().to_string().contains("16"));
+    network.set_coarse_stride(4).unwrap();
+    assert!(network.set_coarse_stride(16).unwrap_err().to_string().contains("16"));
     let options = EstimatorOptions::of(&network);
     let small = Estimator::new(network, options).unwrap();
     assert_eq!(small.scales(), [4, 2]);
@@ -342,7 +342,7 @@ fn smaller_cells_give_what_enlarged_photographs_give() {
     assert_eq!(map.depth.size(), Size::new(101, 75));
     assert_eq!(map.camera, order[0].camera.resized(map.depth.size()));
 
-    // The part of the photograph that a region asks for, in whole cells.
+    // The part of the photograph that a region asks for, in whole strides.
     let encoded = tch::no_grad(|| small.network().encode(order[0]).unwrap());
     let (part, place) = encoded.cropped(&PixelBox { x0: 21, y0: 30, x1: 131, y1: 201 }).unwrap();
     assert_eq!((place.x0, place.y0, place.x1, place.y1), (16, 24, 136, 152));
@@ -357,19 +357,19 @@ fn smaller_cells_give_what_enlarged_photographs_give() {
     large.options_mut().iterations = iterations.map(|i| Iteration { scale: 2 * i.scale, ..*i }).collect();
     let other = depth(&large, &enlarged.each_ref(), &planes);
     assert_eq!(other.camera, map.camera);
-    // But for the costs of the wide cells, it is the same.
+    // But for the costs at the wide stride, it is the same.
     let same = agreement(&map, &other, 1.0, 0.005);
     assert!(same > 0.9, "{same}");
 }
 
-/// The wide cells beside the small ones are those of a network that does without small ones.
+/// The costs at the wide stride are those of a network that has no other.
 #[test]
 fn the_wide_cells_of_enlarged_photographs_are_the_cells_of_the_photographs() {
     let views = fixtures::still_life(Size::new(107, 85), 3);
     let planes = planes(&views[0], 16);
-    let volume = |cells: usize, level: usize| {
+    let volume = |coarse_stride: usize, level: usize| {
         let mut network = module("weights/vis-max");
-        network.set_cells(cells).unwrap();
+        network.set_coarse_stride(coarse_stride).unwrap();
         tch::no_grad(|| {
             let encoded: Vec<_> = views.iter().map(|view| network.encode(&view.photo).unwrap()).collect();
             let sources: Vec<_> = encoded[1..].iter().collect();
@@ -398,16 +398,16 @@ fn requests_without_sense_are_errors() {
         ..EstimatorOptions::of(&network)
     };
     let error = Estimator::new(network, options).unwrap_err().to_string();
-    assert!(error.contains("1/8") && error.contains("cells of 4"), "{error}");
+    assert!(error.contains("1/8") && error.contains("a coarse stride of 4"), "{error}");
 }
 
 #[test]
 fn foveated_maps_are_the_whole_map_inside_and_coarser_around() {
     let views = fixtures::still_life(Size::new(256, 192), 3);
     let planes = planes(&views[0], 16);
-    // With cells of 8 pixels: the region is 32×24 pixels of the finest map. At 1/4 it grows by a quarter to each side,
+    // With a coarse stride of 8: the region is 32×24 pixels of the finest map. At 1/4 it grows by a quarter to each side,
     // to 24×18 pixels (48..144 by 36..108 of the image), 16×12 of which are the region; at 1/8 all that is left. With
-    // cells of 4 there is nothing between the coarse map, at 1/4, and the finest.
+    // a coarse stride of 4 there is nothing between the coarse map, at 1/4, and the finest.
     let (wide, small) = ([32 * 24 - 12 * 9, 24 * 18 - 16 * 12, 32 * 24], [64 * 48 - 16 * 12, 32 * 24]);
     for (name, counts) in [("vis-max", &wide[..]), ("vis-var", &wide), ("weights/vis-max", &small)] {
         let estimator = estimator(name);
@@ -427,8 +427,8 @@ fn foveated_maps_are_the_whole_map_inside_and_coarser_around() {
         assert_eq!(everywhere[last], whole, "{name}");
 
         let nowhere = foveated(None);
-        let cells = estimator.network().manifest().cells;
-        let coarse = (256 / cells) * (192 / cells);
+        let coarse_stride = estimator.network().manifest().coarse_stride;
+        let coarse = (256 / coarse_stride) * (192 / coarse_stride);
         assert_eq!(nowhere.iter().map(pixels).collect::<Vec<_>>(), [coarse], "{name}: the coarse map");
 
         let maps = foveated(Some(PixelBox { x0: 64, y0: 48, x1: 128, y1: 96 }));

@@ -330,9 +330,9 @@ fn views_can_be_weighted_by_the_true_visibility() {
     assert!(unknown.contains("true-visibility") && unknown.contains("visibility/"), "{unknown}");
 
     // The second source sees the left half of the photograph only.
-    let size = sample.truth.depth.size();
+    let size = sample.ground_truth.depth.size();
     let half = |x: usize, _: usize| if x < 64 { Visibility::Visible } else { Visibility::Occluded };
-    sample.truth.visibility = vec![Grid::filled(size, Visibility::Visible), Grid::from_fn(size, half)];
+    sample.ground_truth.visibility = vec![Grid::filled(size, Visibility::Visible), Grid::from_fn(size, half)];
     let masks = sample.masks(estimator.network(), &views[0]).unwrap().unwrap();
     let left = Tensor::from_slice(&[[1.0_f32; 8], [0.0; 8]].concat())
         .view([1, 1, 1, 16])

@@ -27,7 +27,7 @@ const LIMITS: (usize, usize) = (30, 4096);
 /// at which a reader panics, takes 4 GiB or 30 seconds is saved there as crash-…, oom-… or timeout-….
 #[derive(Args)]
 pub struct Fuzz {
-    /// Readers, by the names in crates/vamvs-io/tests/mangle/readers.rs [default: all].
+    /// Readers, by the names in crates/vamvs-io/tests/malformed/readers.rs [default: all].
     #[arg(value_name = "READER")]
     readers: Vec<String>,
     /// Minutes a reader.
@@ -124,7 +124,7 @@ fn host() -> Result<String> {
 
 /// The names of all readers, from the list that tests and fuzzing share.
 fn all_readers() -> Result<Vec<String>> {
-    let list = root().join("crates/vamvs-io/tests/mangle/readers.rs");
+    let list = root().join("crates/vamvs-io/tests/malformed/readers.rs");
     let text = fs::read_to_string(&list).with_context(|| list.display().to_string())?;
     let entry = |line: &str| {
         let (name, rest) = line.trim().split_once(": fixture::")?;

@@ -29,7 +29,7 @@ use step::root;
 #[command(name = "cargo xtask", bin_name = "cargo xtask", disable_help_subcommand = true)]
 enum Command {
     Setup(setup::Setup),
-    /// Reconstruct a rendered still life, compare the cloud with the truth and show it all on one page.
+    /// Reconstruct a rendered still life, compare the cloud with the ground truth and show it all on one page.
     Demo(Check),
     Test(test::Test),
     Dist(dist::Dist),

@@ -1,4 +1,4 @@
-//! The demo's result against the truth.
+//! The demo's result against the ground truth.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use vamvs_tests::Rendered;
 use super::scene::DemoScene;
 use crate::maps::{Map, relative_errors};
 
-/// How near to the truth a point must be, as a share of the scene's median depth.
+/// How near to the ground truth a point must be, as a share of the scene's median depth.
 const THRESHOLD: f64 = 0.01;
 
 /// Relative depth errors of interest.
@@ -26,7 +26,7 @@ const STEP: usize = 2;
 pub struct Verdict {
     /// The cloud.
     pub cloud: Cloud,
-    /// How near to the truth a point must be, scene units.
+    /// How near to the ground truth a point must be, scene units.
     pub threshold: f64,
     /// The cloud against the true one.
     pub agreement: CloudErrors,
@@ -35,12 +35,12 @@ pub struct Verdict {
     /// The confident ones of them.
     pub confident: DepthErrors,
     /// The true depth at the size of the depth maps, view by view.
-    pub truth: Vec<Grid<f32>>,
+    pub ground_truth: Vec<Grid<f32>>,
     /// The estimates, view by view.
     pub maps: Vec<Map>,
-    /// The cloud, coloured by distance to the truth.
+    /// The cloud, coloured by distance to the ground truth.
     pub wrong: Cloud,
-    /// The truth, coloured by distance to the cloud.
+    /// The ground truth, coloured by distance to the cloud.
     pub missing: Cloud,
 }
 
@@ -48,7 +48,7 @@ pub struct Verdict {
 pub fn judge(scene: &DemoScene, out: &Path) -> Result<Verdict> {
     let maps: Vec<Map> =
         (0..scene.views.len()).map(|view| Map::read(out, &DemoScene::name(view))).collect::<Result<_>>()?;
-    let truth = scene.depth_at(maps.first().map_or(Size::new(1, 1), |map| map.depth.size()));
+    let ground_truth = scene.depth_at(maps.first().map_or(Size::new(1, 1), |map| map.depth.size()));
     let depth: Vec<_> = maps.iter().map(|map| map.depth.clone()).collect();
     let confident: Vec<_> = maps.iter().map(Map::confident).collect();
     let cloud = ply::read(&out.join("fused.ply"))?;
@@ -57,13 +57,13 @@ pub fn judge(scene: &DemoScene, out: &Path) -> Result<Verdict> {
     let threshold = THRESHOLD * scene.median_depth();
     Ok(Verdict {
         agreement: distances.errors(&[threshold]),
-        depth: relative_errors(&depth, &truth, &THRESHOLDS)?,
-        confident: relative_errors(&confident, &truth, &THRESHOLDS)?,
-        wrong: coloured(cloud.iter().copied(), &distances.to_truth, threshold),
+        depth: relative_errors(&depth, &ground_truth, &THRESHOLDS)?,
+        confident: relative_errors(&confident, &ground_truth, &THRESHOLDS)?,
+        wrong: coloured(cloud.iter().copied(), &distances.to_ground_truth, threshold),
         missing: coloured(exact.iter().map(bare), &distances.to_cloud, threshold),
         cloud,
         threshold,
-        truth,
+        ground_truth,
         maps,
     })
 }

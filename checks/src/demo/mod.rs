@@ -1,4 +1,4 @@
-//! `cargo xtask demo`: a scene with known truth, reconstructed, judged and shown.
+//! `cargo xtask demo`: a scene with known ground truth, reconstructed, judged and shown.
 
 mod judge;
 mod report;
@@ -14,7 +14,7 @@ use crate::vamvs;
 use report::{Pictures, Run};
 use scene::DemoScene;
 
-/// Reconstruct a rendered still life, compare the cloud with the truth and show it all on one page.
+/// Reconstruct a rendered still life, compare the cloud with the ground truth and show it all on one page.
 #[derive(Args)]
 pub struct Demo {
     /// Folder for scene, result, pictures and report.
@@ -35,7 +35,7 @@ impl Demo {
         })?;
         let result = self.out.join("result");
         let reconstruction = times.of("reconstruct", || reconstruct(&scene, &result))?;
-        let verdict = times.of("compare with the truth", || judge::judge(&scene, &result))?;
+        let verdict = times.of("compare with the ground truth", || judge::judge(&scene, &result))?;
         let pictures = times.of("draw pictures", || Pictures::draw(&scene, &verdict, &self.out))?;
         let report = self.out.join("report.html");
         let run = Run {

@@ -40,7 +40,7 @@ pub struct Run<'a> {
     pub result: &'a Path,
     /// What `vamvs` told.
     pub reconstruction: &'a Reconstruction,
-    /// The comparison with the truth.
+    /// The comparison with the ground truth.
     pub verdict: &'a Verdict,
     /// The pictures.
     pub pictures: &'a Pictures,
@@ -98,14 +98,14 @@ impl Pictures {
 
 /// Photograph, true depth, estimated depth, error and confidence of a view.
 fn view_picture(scene: &DemoScene, verdict: &Verdict, view: usize, folder: &Path) -> Result<ViewPicture> {
-    let (truth, map) = (&verdict.truth[view], &verdict.maps[view]);
-    let true_depth = valid(truth);
+    let (ground_truth, map) = (&verdict.ground_truth[view], &verdict.maps[view]);
+    let true_depth = valid(ground_truth);
     let (near, far) = spread(&true_depth);
     let parts = [
         scene.views[view].photo.image.clone(),
         Scale::Turbo.paint(&true_depth, near, far),
         Scale::Turbo.paint(&valid(&map.depth), near, far),
-        Scale::Error.paint(&relative_errors(&map.depth, truth), 0.0, ERROR_END),
+        Scale::Error.paint(&relative_errors(&map.depth, ground_truth), 0.0, ERROR_END),
         Scale::Confidence.paint(&map.confidence.map(|&confidence| Some(confidence)), 0.0, 1.0),
     ];
     let row = panel::row(&parts, panel::of_width(parts[0].size(), PANEL_WIDTH));
@@ -124,7 +124,7 @@ impl Run<'_> {
     pub fn page(&self, times: &Times) -> Result<Page> {
         let (photographs, size) = (self.scene.views.len(), self.scene.views[0].photo.image.size());
         let lead = format!(
-            "{photographs} rendered photographs of {size} pixels, known cameras, depth maps of {} pixels, exact truth.",
+            "{photographs} rendered photographs of {size} pixels, known cameras, depth maps of {} pixels, exact ground truth.",
             self.verdict.maps[0].depth.size()
         );
         let mut page = Page::new("A still life, reconstructed", &lead);
@@ -152,7 +152,7 @@ impl Run<'_> {
             "Precision is the share of the cloud's points that are within {:.4} of the true surface (1 % of the \
              scene's median depth), recall the share of the true surface that is within it of a point; surface \
              that fewer than two photographs show does not count. The F-score is their harmonic mean. On \
-             average a point is {:.4} from the truth, and the truth {:.4} from a point.",
+             average a point is {:.4} from the ground truth, and the ground truth {:.4} from a point.",
             self.verdict.threshold, errors.accuracy.mean, errors.completeness.mean
         ));
     }
@@ -202,7 +202,7 @@ impl Run<'_> {
 
     fn filters(&self, page: &mut Page) {
         page.heading("What became of the pixels");
-        page.table(&["", "pixels", "share"], &fates(&self.reconstruction.summary.fusion.total));
+        page.table(&["", "pixels", "share"], &outcomes(&self.reconstruction.summary.fusion.total));
     }
 
     fn times(&self, page: &mut Page, times: &Times) {
@@ -236,8 +236,8 @@ fn row(name: &str, errors: &DepthErrors) -> Vec<String> {
 }
 
 /// What became of pixels, line by line.
-fn fates(total: &ViewReport) -> Vec<Vec<String>> {
-    let fates = std::iter::once(("all", total.pixels)).chain(total.fates());
+fn outcomes(total: &ViewReport) -> Vec<Vec<String>> {
+    let outcomes = std::iter::once(("all", total.pixels)).chain(total.outcomes());
     let share = |count: u64| percent(count as f64 / total.pixels.max(1) as f64, 1);
-    fates.map(|(name, count)| vec![name.to_owned(), grouped(count), share(count)]).collect()
+    outcomes.map(|(name, count)| vec![name.to_owned(), grouped(count), share(count)]).collect()
 }

@@ -1,4 +1,4 @@
-//! The demo's scene: rendered photographs with exact truth, written in MVSNet's layout.
+//! The demo's scene: rendered photographs with exact ground truth, written in MVSNet's layout.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,10 @@ const SIZE: Size = Size::new(640, 480);
 /// Number of photographs.
 const VIEWS: usize = 12;
 
-/// How much wider than the truth the given depth ranges are, as a factor at either end.
+/// Light paths a pixel; their noise is smoothed.
+const SAMPLES: usize = 4;
+
+/// How much wider than the ground truth the given depth ranges are, as a factor at either end.
 const WIDER: f64 = 1.15;
 
 /// A scene in a folder.
@@ -27,7 +30,8 @@ impl DemoScene {
     /// Renders the scene.
     pub fn render(root: &Path) -> Self {
         let stations = rig::arc(VIEWS, SIZE);
-        let views = render(fixtures::still_life_tracer(), &stations, &RenderOptions::default());
+        let options = RenderOptions { samples: SAMPLES, ..RenderOptions::default() };
+        let views = render(fixtures::still_life_tracer(), &stations, &options);
         Self { root: root.to_owned(), views }
     }
 
@@ -55,7 +59,7 @@ impl DemoScene {
     pub fn depth_at(&self, size: Size) -> Vec<Grid<f32>> {
         let depth = |view: &Rendered| {
             let camera = view.photo.camera.resized(size);
-            fixtures::still_life_tracer().truth(&camera, &view.photo.cam_from_world).depth
+            fixtures::still_life_tracer().ground_truth(&camera, &view.photo.cam_from_world).depth
         };
         self.views.iter().map(depth).collect()
     }

@@ -57,10 +57,10 @@ pub fn by_iterations(lab: &Lab, variant: &Variant, most: usize) -> Result<Vec<Cl
 pub fn foveated(lab: &Lab) -> Result<Vec<Vec<String>>> {
     let region = region(&scene(lab)?)?;
     let (roi, area) = (region.corners.map(|corner| format!("{corner:.4}")), region.share);
-    let cells = ["--cells", "8"];
-    let mut fovea = [&cells[..], &["--fovea", "--roi"]].concat();
+    let stride = ["--coarse-stride", "8"];
+    let mut fovea = [&stride[..], &["--fovea", "--roi"]].concat();
     fovea.extend(roi.iter().map(String::as_str));
-    let whole = reconstruct(lab, "whole", "vis-max", &cells)?;
+    let whole = reconstruct(lab, "whole", "vis-max", &stride)?;
     let foveated = reconstruct(lab, "foveated", "vis-max", &fovea)?;
     let row = |name: &str, area: f64, cloud: &Cloud| {
         let [seconds, flow] = cloud.seconds;

@@ -85,7 +85,7 @@ struct SceneSet {
 /// What networks learn from.
 const TRAINING: SceneSet = SceneSet { name: "training", seed: "1", scenes: 24, size: "256x192" };
 /// What they are measured on.
-const HELD_OUT: SceneSet = SceneSet { name: "held-out", seed: "1001", scenes: 6, size: "256x192" };
+const HOLD_OUT: SceneSet = SceneSet { name: "hold-out", seed: "1001", scenes: 6, size: "256x192" };
 /// What time, memory and clouds are measured on.
 const LARGE: SceneSet = SceneSet { name: "large", seed: "2001", scenes: 1, size: "640x480" };
 
@@ -99,7 +99,8 @@ impl Paper {
         let sections = wanted.iter().map(|&what| lab.section(what)).collect::<Result<Vec<_>>>()?;
         sections.iter().for_each(|section| println!("\n{}", section.markdown()));
         if self.what.is_empty() {
-            let text = page::markdown(&sections, self.steps);
+            let before = std::fs::read_to_string(&self.page).unwrap_or_default();
+            let text = page::markdown(&before, &sections, self.steps);
             atomic::write(&self.page, |out| out.write_all(text.as_bytes()))?;
             println!("{}", self.page.display());
         }

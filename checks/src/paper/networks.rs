@@ -6,7 +6,7 @@ use std::process::Command;
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-use super::{HELD_OUT, Lab, TRAINING, text};
+use super::{HOLD_OUT, Lab, TRAINING, text};
 use crate::step::{root, run};
 use crate::vamvs;
 
@@ -86,13 +86,13 @@ pub struct Region {
     pixels: u64,
     within_d: u64,
     within_3d: u64,
-    failures: u64,
+    outliers: u64,
 }
 
 impl Region {
-    /// Shares within d, within 3d, and off by more than 1 % of the depth.
+    /// Shares within d, within 3d, and with an error > 1 % of the depth.
     pub fn shares(&self) -> [f64; 3] {
-        [self.within_d, self.within_3d, self.failures].map(|count| count as f64 / self.pixels as f64)
+        [self.within_d, self.within_3d, self.outliers].map(|count| count as f64 / self.pixels as f64)
     }
 }
 
@@ -143,9 +143,9 @@ impl Lab<'_> {
         Ok(file)
     }
 
-    /// What a network scores on the held-out scenes with a number of views.
+    /// What a network scores on the hold-out scenes with a number of views.
     pub fn measured(&self, variant: &Variant, views: usize) -> Result<Measured> {
-        let (network, set) = (self.trained(variant)?, self.scenes(&HELD_OUT)?);
+        let (network, set) = (self.trained(variant)?, self.scenes(&HOLD_OUT)?);
         let mut command = Command::new(vamvs::binary()?);
         command.args(["eval", "network", &text(&network), "--data", &text(&set)]);
         command.args(["--views", &views.to_string(), "--references", REFERENCES]);

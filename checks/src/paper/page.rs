@@ -1,7 +1,7 @@
 //! The page of all tables.
 
 use super::networks::{REFERENCES, THIN};
-use super::{HELD_OUT, LARGE, TRAINING};
+use super::{HOLD_OUT, LARGE, TRAINING};
 
 /// A table with what it is about.
 pub struct Section {
@@ -22,19 +22,22 @@ impl Section {
     }
 }
 
-/// The whole page.
-pub fn markdown(sections: &[Section], steps: usize) -> String {
+/// Where the part of the page begins that is written here.
+const WRITTEN: &str = "## How the tables were made\n\n";
+
+/// The whole page: what people wrote above the tables, in the page as it was, stays.
+pub fn markdown(before: &str, sections: &[Section], steps: usize) -> String {
+    let people = before.split_once(WRITTEN).map_or("# The paper's experiments\n\n", |(people, _)| people);
     let sections: Vec<String> = sections.iter().map(Section::markdown).collect();
-    format!("{}\n{}", introduction(steps), sections.join("\n"))
+    format!("{people}{WRITTEN}{}\n{}", introduction(steps), sections.join("\n"))
 }
 
 fn introduction(steps: usize) -> String {
     format!(
-        "# The paper's experiments\n\n\
-         Written by `cargo xtask paper`; `cargo xtask paper table1` and so on run one of them.\n\n\
+        "Written by `cargo xtask paper`; `cargo xtask paper table1` and so on run one of them.\n\n\
          Every network here has half the paper's channels (`models/export.py --thin {THIN}`) and was trained for \
          {steps} steps of one sample: 160×128 pixels, 3 views, 48 planes at most, AdamW; a few minutes on two \
-         processor cores, where the paper's trained for days on four GPUs. The scenes are clutter of made \
+         processor cores, where the paper's trained for days on four GPUs. The scenes are clutter of generated \
          objects, {train} to learn from and {held} to measure on ({TRAINING_SIZE}, 9 views), and one of {large_size} for \
          time, memory and clouds. So rows are to be compared with one another, and their order with the paper's, \
          not their values; with one short run a row, differences of a point or two are chance. `<d` and `<3d` are \
@@ -42,8 +45,8 @@ fn introduction(steps: usize) -> String {
          {REFERENCES} depth maps; `Invis` counts pixels that some source view does not see, `Fully-vis` those \
          that all see. – stands for figures of the paper that are not at hand.\n",
         train = TRAINING.scenes,
-        held = HELD_OUT.scenes,
-        TRAINING_SIZE = HELD_OUT.size.replace('x', "×"),
+        held = HOLD_OUT.scenes,
+        TRAINING_SIZE = HOLD_OUT.size.replace('x', "×"),
         large_size = LARGE.size.replace('x', "×"),
     )
 }

@@ -91,21 +91,21 @@ pub fn iterations(lab: &Lab) -> Result<Section> {
         "0.391, 84.27, 8731 MB, 3.35 s",
     ];
     let row = |(index, (stage, cloud)): (usize, (&Stage, &clouds::Cloud))| {
-        let [_, _, failures] = stage.overall.shares();
-        let mut cells = vec![index.to_string(), format!("{:.1} %", 100.0 * failures)];
+        let [_, _, outliers] = stage.overall.shares();
+        let mut cells = vec![index.to_string(), format!("{:.1} %", 100.0 * outliers)];
         cells.extend(cloud.cells());
         cells.push(paper.get(index).copied().unwrap_or("–").to_owned());
         cells
     };
     Ok(Section {
         title: "Table 5: flow iterations",
-        text: "var, 5 views. Failures are pixels off by more than 1 % of the depth, on the held-out scenes. The other \
+        text: "var, 5 views. Outliers are pixels with an error > 1 % of the depth, on the hold-out scenes. The other \
                columns are of the large scene: `vamvs reconstruct --iterations N --planes 96`, time and peak memory \
                of a depth map and of the process, the cloud at 0.5 % of the median depth. The paper's column is \
                its overall error (mm), its F-score at 0.5 mm, memory and time (GTX 1080 Ti) on DTU.",
         head: vec![
             "iterations",
-            "failures",
+            "outliers",
             "map",
             "memory",
             "time a map",
@@ -153,14 +153,14 @@ const DIRECT: Variant = Variant::changed("var-direct", "var", &["--hypotheses", 
 pub fn regression(lab: &Lab) -> Result<Section> {
     let [direct, ours] = [lab.measured(&DIRECT, DTU_VIEWS)?, lab.measured(&VAR, DTU_VIEWS)?];
     let paper = [["0.751", "0.726"], ["0.756", "0.712"], ["0.501", "0.468"], ["0.464", "0.391"]];
-    let failures = |stage: &Stage| format!("{:.1} %", 100.0 * stage.overall.shares()[2]);
+    let outliers = |stage: &Stage| format!("{:.1} %", 100.0 * stage.overall.shares()[2]);
     let row = |(index, (direct, ours)): (usize, (&Stage, &Stage))| {
         let paper = paper.get(index).copied().unwrap_or(["–"; 2]).map(str::to_owned);
-        [index.to_string(), failures(direct), failures(ours)].into_iter().chain(paper).collect()
+        [index.to_string(), outliers(direct), outliers(ours)].into_iter().chain(paper).collect()
     };
     Ok(Section {
         title: "Table 8: direct regression instead of hypotheses",
-        text: "var, 5 views: pixels off by more than 1 % of the depth after each iteration. The paper's columns are \
+        text: "var, 5 views: pixels with an error > 1 % of the depth after each iteration. The paper's columns are \
                its overall error (mm) on DTU.",
         head: vec!["iterations", "direct", "hypotheses", "paper: direct", "paper: hypotheses"],
         rows: direct.stages().iter().zip(ours.stages()).enumerate().map(row).collect(),
@@ -172,14 +172,14 @@ pub fn views(lab: &Lab) -> Result<Section> {
     let row = |variant: &Variant| -> Result<Vec<String>> {
         let mut cells = vec![variant.name.to_owned()];
         for views in VIEWS {
-            let [_, _, failures] = lab.measured(variant, views)?.last().overall.shares();
-            cells.push(format!("{:.1} %", 100.0 * failures));
+            let [_, _, outliers] = lab.measured(variant, views)?.last().overall.shares();
+            cells.push(format!("{:.1} %", 100.0 * outliers));
         }
         Ok(cells)
     };
     Ok(Section {
         title: "Figure 12: number of views",
-        text: "Pixels off by more than 1 % of the depth; trained with 3 views. The paper: all improve from 2 to 5 \
+        text: "Pixels with an error > 1 % of the depth; trained with 3 views. The paper: all improve from 2 to 5 \
                views; var and vis-var get worse from 5 to 7, vis-avg and vis-max keep improving; vis-avg and \
                vis-max fail with 2.",
         head: vec!["", "2 views", "3 views", "5 views", "7 views"],
@@ -190,7 +190,7 @@ pub fn views(lab: &Lab) -> Result<Section> {
 pub fn fovea(lab: &Lab) -> Result<Section> {
     Ok(Section {
         title: "Figure 15: foveated depth",
-        text: "The built-in vis-max with `--cells 8` on the large scene, 5 views, 96 planes: the whole photographs, and \
+        text: "The built-in vis-max with `--coarse-stride 8` on the large scene, 5 views, 96 planes: the whole photographs, and \
                `--fovea` with a region of interest of about 1/16 of their area. The foveated cloud has three densities.",
         head: vec!["", "region", "memory", "time a map", "of it iterations", "points"],
         rows: clouds::foveated(lab)?,

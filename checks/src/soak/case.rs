@@ -4,7 +4,30 @@ use std::fmt;
 use std::path::Path;
 
 use super::random::Random;
-use super::scene::{Lens, Scene};
+
+/// The lens that the scene's files tell. The photographs are a pinhole's: what they show bent is no matter
+/// here.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lens {
+    Pinhole,
+    /// k₁, k₂.
+    Radial([f64; 2]),
+    /// k₁ … k₄ of the equidistant fisheye.
+    Fisheye([f64; 4]),
+}
+
+impl Lens {
+    /// A lens that the layout can tell.
+    pub fn draw(random: &mut Random, layout: Layout) -> Self {
+        let mut small = || random.between(-0.1, 0.1);
+        let (radial, fisheye) = ([small(), small()], [small(), small(), 0.0, 0.0]);
+        if layout == Layout::Bundler || random.chance(0.5) {
+            Self::Radial(radial)
+        } else {
+            Self::Fisheye(fisheye)
+        }
+    }
+}
 
 /// The layout that the scene's cameras are written in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,9 +98,9 @@ impl Case {
     }
 
     /// The arguments of `vamvs` that reconstruct the scene into `out`.
-    pub fn arguments(&self, scene: &Scene, out: &Path) -> Vec<String> {
+    pub fn arguments(&self, scene: &[String], out: &Path) -> Vec<String> {
         let mut arguments = vec!["reconstruct".to_owned()];
-        arguments.extend(scene.arguments.iter().cloned());
+        arguments.extend(scene.iter().cloned());
         arguments.extend(["--weights", "photometric", "--out"].map(str::to_owned));
         arguments.push(out.display().to_string());
         arguments.extend(self.options.iter().cloned());
@@ -110,7 +133,12 @@ fn options(random: &mut Random) -> Vec<String> {
         give(&["--confidence", "0", "--coarse-confidence", "0"].map(str::to_owned));
     }
     if random.chance(0.7) {
-        give(&[text("--cells"), text("8"), text("--iterations"), random.one_of(&[text("1"), text("2")])]);
+        give(&[
+            text("--coarse-stride"),
+            text("8"),
+            text("--iterations"),
+            random.one_of(&[text("1"), text("2")]),
+        ]);
     }
     for (option, values) in [
         ("--views", &["2", "3", "4"][..]),

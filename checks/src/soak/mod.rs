@@ -105,7 +105,7 @@ impl<'a> Round<'a> {
         fs::create_dir_all(folder)?;
         let scene = scene::make(program, case, folder)?;
         let (out, reference) = (folder.join("out"), folder.join("reference"));
-        let undisturbed = program.run(&case.arguments(&scene, &out), folder, &[])?;
+        let undisturbed = program.run(&case.arguments(&scene.arguments, &out), folder, &[])?;
         let mut round = Self { case, scene, program, out, reference, undisturbed, findings: Vec::new() };
         let ended = round.undisturbed.clone();
         round.check_ended(&ended);
@@ -120,7 +120,7 @@ impl<'a> Round<'a> {
 
     /// Runs the program into the folder of results, with further arguments, and sends it signals.
     fn run(&mut self, more: &[String], signals: &[process::Timed]) -> Result<Ended> {
-        let arguments = [self.case.arguments(&self.scene, &self.out), more.to_vec()].concat();
+        let arguments = [self.case.arguments(&self.scene.arguments, &self.out), more.to_vec()].concat();
         let ended = self.program.run(&arguments, self.out.parent().context("a folder")?, signals)?;
         self.check_ended(&ended);
         Ok(ended)

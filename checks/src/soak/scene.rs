@@ -6,33 +6,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use serde_json::{Value, json};
 
-use super::case::{Case, Layout};
+use super::case::{Case, Layout, Lens};
 use super::process::Program;
-use super::random::Random;
-
-/// The lens that the scene's files tell. The photographs are a pinhole's: what they show bent is no matter
-/// here.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Lens {
-    Pinhole,
-    /// k₁, k₂.
-    Radial([f64; 2]),
-    /// k₁ … k₄ of the equidistant fisheye.
-    Fisheye([f64; 4]),
-}
-
-impl Lens {
-    /// A lens that the layout can tell.
-    pub fn draw(random: &mut Random, layout: Layout) -> Self {
-        let mut small = || random.between(-0.1, 0.1);
-        let (radial, fisheye) = ([small(), small()], [small(), small(), 0.0, 0.0]);
-        if layout == Layout::Bundler || random.chance(0.5) {
-            Self::Radial(radial)
-        } else {
-            Self::Fisheye(fisheye)
-        }
-    }
-}
 
 /// A scene on disk.
 pub struct Scene {

@@ -12,8 +12,11 @@ mod train;
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, Parser, Subcommand};
 use vamvs::MemoryLimit;
+use vamvs::export::{DepthFormat, Program};
+#[cfg(feature = "net")]
+use vamvs::{Quality, core::Spacing};
 
 #[cfg(feature = "net")]
 pub use calibrate::CalibrateArguments;
@@ -23,12 +26,12 @@ pub use eval::{
     CloudPreset, DepthThresholdFlags, DtuFlags, EvalArguments, EvalCloudArguments, EvalCommand,
     EvalDepthArguments, EvalGeneralFlags, EvalSceneArguments, TntFlags,
 };
-pub use fusion::{Consistency, FusionFlags, Preset};
-pub use input::{DepthLine, InputFlags, PixelCentre};
+pub use fusion::{FusionFlags, Preset};
+pub use input::InputFlags;
 pub use refine::RefineArguments;
 pub use synth::{AssetFlags, SynthArguments};
 #[cfg(feature = "net")]
-pub use train::{OptimizerRule, SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
+pub use train::{SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
 
 /// Photographs with known cameras in, depth maps and one dense, coloured cloud out.
 #[derive(Debug, Parser)]
@@ -72,7 +75,7 @@ pub enum Command {
     #[cfg(feature = "net")]
     #[command(after_help = calibrate::EXAMPLES)]
     Calibrate(CalibrateArguments),
-    /// Results against truth: depth maps, clouds, whole scenes.
+    /// Results against ground truth: depth maps, clouds, whole scenes.
     #[command(after_help = eval::EXAMPLES)]
     Eval(EvalArguments),
     /// What a file or folder is: weights, cloud, depth map, COLMAP model; or `device`.
@@ -241,27 +244,6 @@ pub struct InfoArguments {
     pub json: bool,
 }
 
-/// What is uniform between planes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Spacing {
-    /// Equal steps of depth.
-    Depth,
-    /// Equal steps of inverse depth.
-    InverseDepth,
-}
-
-/// What a run takes and gives.
-#[cfg(feature = "net")]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Quality {
-    /// A quick look at a capture: photographs of 800 pixels at most, vis-corr, one pass of refinement.
-    Draft,
-    /// The defaults.
-    Normal,
-    /// vis-max, which sees photographs of 1024 pixels.
-    Best,
-}
-
 /// How depth is estimated.
 #[cfg(feature = "net")]
 #[derive(Debug, Args)]
@@ -303,10 +285,10 @@ pub struct DepthFlags {
     /// [default: 255, none].
     #[arg(long, value_name = "LEVEL")]
     pub max_brightness: Option<u8>,
-    /// Width of the first, coarse map's cells: 8 pixels of the photograph, or 4, which see thin things and keep
-    /// edges, but take three times the time [default: the network's, 4 for vis-max, 8 for photometric].
-    #[arg(long, value_name = "PIXELS")]
-    pub cells: Option<usize>,
+    /// Stride of the coarse depth map: 8 pixels of the photograph, or 4, which keeps thin structures and edges but
+    /// takes three times as long [default: the network's, 4 for vis-max, 8 for photometric].
+    #[arg(long, alias = "cells", value_name = "PIXELS")]
+    pub coarse_stride: Option<usize>,
     /// Views compared for a depth map, the reference included; beyond five only those that share at least 0.3
     /// as much with it as the best one [default: 5].
     #[arg(long, value_name = "N")]
@@ -330,7 +312,7 @@ pub struct DepthFlags {
     #[arg(long, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_negative_numbers = true)]
     pub roi: Option<Vec<f64>>,
     /// Depth outside of the box of --roi too, but coarsely, and finely only in it: one cloud of several
-    /// densities, in less time. Coarser maps are called NAME@8 (with cells of 8) and NAME@4.
+    /// densities, in less time. Coarser maps are called NAME@8 (with a coarse stride of 8) and NAME@4.
     #[arg(long)]
     pub fovea: bool,
 }
@@ -349,28 +331,6 @@ pub struct ExportFlags {
     /// Depth of one step of a 16-bit PNG, scene units [default: a round number, told in png-step.txt].
     #[arg(long, value_name = "DEPTH")]
     pub png_step: Option<f64>,
-}
-
-/// Programs that work on depth maps.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Program {
-    /// colmap/: a dense workspace.
-    Colmap,
-    /// openmvs/: a scene with depth maps.
-    Openmvs,
-}
-
-/// Formats of depth maps.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum DepthFormat {
-    /// 32 bits.
-    Pfm,
-    /// 16 bits, in steps.
-    Png,
-    /// OpenEXR, 32 bits, channel Z.
-    Exr,
-    /// NumPy, 32 bits.
-    Npy,
 }
 
 /// What every command has.

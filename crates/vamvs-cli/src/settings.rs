@@ -6,12 +6,11 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
 use vamvs::core::Roi;
-use vamvs::fusion::FuseOptions;
-use vamvs::{DepthOptions, ExportOptions, FusionOptions, export};
+use vamvs::fusion::{Consistency, FuseOptions};
+use vamvs::io::mvsnet::{DepthLine, PixelCentre};
+use vamvs::{DepthOptions, ExportOptions, FusionOptions};
 
-use crate::arguments::{
-    CommonFlags, Consistency, DepthFormat, DepthLine, ExportFlags, FusionFlags, PixelCentre, Preset, Program,
-};
+use crate::arguments::{CommonFlags, ExportFlags, FusionFlags, Preset};
 
 /// All settings of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -134,20 +133,8 @@ impl Settings {
 
     /// Lets export flags win.
     pub fn apply_export(&mut self, flags: &ExportFlags) {
-        let program = |program: &Program| match program {
-            Program::Colmap => export::Program::Colmap,
-            Program::Openmvs => export::Program::Openmvs,
-        };
-        let format = |format: &DepthFormat| match format {
-            DepthFormat::Pfm => export::DepthFormat::Pfm,
-            DepthFormat::Png => export::DepthFormat::Png,
-            DepthFormat::Exr => export::DepthFormat::Exr,
-            DepthFormat::Npy => export::DepthFormat::Npy,
-        };
-        let programs = flags.export.as_ref().map(|given| given.iter().map(program).collect());
-        let formats = flags.depth_format.as_ref().map(|given| given.iter().map(format).collect());
-        set(&mut self.export.programs, programs);
-        set(&mut self.export.depth_formats, formats);
+        set(&mut self.export.programs, flags.export.clone());
+        set(&mut self.export.depth_formats, flags.depth_format.clone());
         set(&mut self.export.png_step, flags.png_step.map(Some));
     }
 
@@ -250,8 +237,7 @@ mod input {
         }
 
         fn mvsnet(&self, cams: PathBuf, images: PathBuf) -> Result<Input> {
-            let options =
-                mvsnet::Options { depth_line: self.depth_line(), pixel_centre: self.pixel_centre() };
+            let options = mvsnet::Options { depth_line: self.depth_line, pixel_centre: self.pixel_centre };
             Ok(Input::Mvsnet { cams, images, pairs: self.pairs.clone(), options })
         }
 
@@ -264,28 +250,13 @@ mod input {
                 Some(missing) => bail!("--masks {}: expected a folder of masks", missing.display()),
             }
         }
-
-        fn depth_line(&self) -> mvsnet::DepthLine {
-            match self.depth_line {
-                DepthLine::Auto => mvsnet::DepthLine::Auto,
-                DepthLine::MinInterval => mvsnet::DepthLine::MinInterval,
-                DepthLine::MinMax => mvsnet::DepthLine::MinMax,
-            }
-        }
-
-        fn pixel_centre(&self) -> mvsnet::PixelCentre {
-            match self.pixel_centre {
-                PixelCentre::Half => mvsnet::PixelCentre::Half,
-                PixelCentre::Integer => mvsnet::PixelCentre::Integer,
-            }
-        }
     }
 }
 
 #[cfg(feature = "net")]
 mod depth {
     use super::*;
-    use crate::arguments::{DepthFlags, Spacing};
+    use crate::arguments::DepthFlags;
     use vamvs::io::Loaded;
     use vamvs::{Quality, Reconstruction};
 
@@ -306,17 +277,13 @@ mod depth {
             set(&mut depth.enlarge, flags.enlarge);
             set(&mut depth.min_brightness, flags.min_brightness);
             set(&mut depth.max_brightness, flags.max_brightness);
-            set(&mut depth.cells, flags.cells.map(Some));
+            set(&mut depth.coarse_stride, flags.coarse_stride.map(Some));
             set(&mut depth.views, flags.views);
             set(&mut depth.planes, flags.planes.map(Some));
             set(&mut depth.max_planes, flags.max_planes);
             set(&mut depth.iterations, flags.iterations.map(Some));
             set(&mut depth.depth_range, depth_range(flags.depth_range.as_deref())?.map(Some));
-            let spacing = flags.spacing.map(|spacing| match spacing {
-                Spacing::Depth => vamvs::core::Spacing::Depth,
-                Spacing::InverseDepth => vamvs::core::Spacing::InverseDepth,
-            });
-            set(&mut depth.spacing, spacing.map(Some));
+            set(&mut depth.spacing, flags.spacing.map(Some));
             if let Some(roi) = roi(flags.roi.as_deref())? {
                 depth.roi = Some(roi);
                 self.fusion.roi = Some(roi);
@@ -343,13 +310,6 @@ mod depth {
     }
     /// The quality that is asked for.
     fn quality(flags: &DepthFlags) -> Option<Quality> {
-        use crate::arguments::Quality as Flag;
-
-        let preview = flags.preview.then_some(Flag::Draft);
-        flags.quality.or(preview).map(|quality| match quality {
-            Flag::Draft => Quality::Draft,
-            Flag::Normal => Quality::Normal,
-            Flag::Best => Quality::Best,
-        })
+        flags.quality.or(flags.preview.then_some(Quality::Draft))
     }
 }

@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 use crate::homography::PixelTransfer;
 use crate::{DepthRange, Pinhole, Pose};
 
-/// The step between planes that [`Planes::fitting`] aims at, pixels in the source views: half a pixel
+/// The step between planes that [`Planes::for_views`] aims at, pixels in the source views: half a pixel
 /// of the cost volume at 1/8.
 const PIXELS_PER_PLANE: f64 = 4.0;
 
-/// Fewest planes that [`Planes::fitting`] gives.
+/// Fewest planes that [`Planes::for_views`] gives.
 const FEWEST: usize = 32;
 
 /// Ratio of far to near above which equal steps of depth would waste planes far away.
@@ -24,8 +24,9 @@ const WIDE_RATIO: f64 = 3.0;
 /// What is uniform between the planes of a sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Spacing {
-    /// Equal steps of depth (section 3.1).
+    /// Equal steps of depth.
     Depth,
     /// Equal steps of inverse depth: equal steps of disparity, for wide ranges.
     InverseDepth,
@@ -69,7 +70,7 @@ impl Planes {
     /// them are about four pixels apart; uniform in inverse depth if the range is wide (far beyond
     /// three times near).
     #[must_use]
-    pub fn fitting(
+    pub fn for_views(
         range: DepthRange,
         reference: (&Pinhole, &Pose),
         sources: &[(&Pinhole, &Pose)],
@@ -93,16 +94,16 @@ impl Planes {
 }
 
 /// Pixels between the images, in the source view, of the ends of a reference ray's range: the median
-/// over a 3×3 lattice of rays; `None` if no ray is before the source at both ends.
+/// over a 3×3 grid of rays; `None` if no ray is before the source at both ends.
 fn image_span(range: DepthRange, reference: (&Pinhole, &Pose), source: (&Pinhole, &Pose)) -> Option<f64> {
     let source_from_reference = source.1.compose(&reference.1.inverse());
     let transfer = PixelTransfer::new(reference.0, source.0, &source_from_reference);
     let size = reference.0.size;
-    let lattice = (0..9).map(|i| {
+    let rays = (0..9).map(|i| {
         let (column, row) = (f64::from(i % 3), f64::from(i / 3));
         Vector2::new((column + 0.5) / 3.0 * size.width as f64, (row + 0.5) / 3.0 * size.height as f64)
     });
-    let mut spans: Vec<_> = lattice
+    let mut spans: Vec<_> = rays
         .filter_map(|pixel| {
             let (near, _) = transfer.project(&pixel, range.near)?;
             let (far, _) = transfer.project(&pixel, range.far)?;
@@ -129,10 +130,10 @@ mod tests {
             (Pose::identity(), Pose { translation: Vector3::new(-1.0, 0.0, 0.0), ..Pose::identity() });
         let range = DepthRange { near: 2.0, far: 10.0 };
         // A rectified pair: disparity 1000 · 1 · (1/2 − 1/10) = 400 pixels.
-        let planes = Planes::fitting(range, (&camera, &here), &[(&camera, &aside)], 256);
+        let planes = Planes::for_views(range, (&camera, &here), &[(&camera, &aside)], 256);
         assert_eq!((planes.count, planes.spacing), (104, Spacing::InverseDepth));
-        assert_eq!(Planes::fitting(range, (&camera, &here), &[(&camera, &aside)], 64).count, 64);
-        assert_eq!(Planes::fitting(range, (&camera, &here), &[(&camera, &here)], 64).count, FEWEST);
+        assert_eq!(Planes::for_views(range, (&camera, &here), &[(&camera, &aside)], 64).count, 64);
+        assert_eq!(Planes::for_views(range, (&camera, &here), &[(&camera, &here)], 64).count, FEWEST);
     }
 
     #[test]

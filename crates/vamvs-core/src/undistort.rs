@@ -8,7 +8,7 @@ use crate::{Camera, Grid, Intrinsics, Pinhole, Rgb, Size};
 /// The undistorted camera of a photograph, and the resampling that makes its image.
 ///
 /// The pinhole's image has the photograph's size, and its pixels the same aspect. Its field of view is
-/// chosen so that most of the photograph is kept and little is left blank: the medians of where the
+/// chosen so that most of the photograph is kept and little is left empty: the medians of where the
 /// photograph's four borders lie without distortion bound a rectangle, at most 120° wide and high, and
 /// the view is the largest in it, about its centre.
 #[derive(Clone, Debug)]
@@ -89,23 +89,19 @@ impl Undistortion {
     fn resample<T: Clone + Send + Sync>(
         &self,
         source: &Grid<T>,
-        blank: T,
+        fill: T,
         sample: impl Fn(&Grid<T>, &Vector2<f64>) -> T + Sync,
     ) -> Grid<T> {
         assert_eq!(source.size(), self.camera.size, "the image must have the size of its camera");
         if !self.camera.lens.bends() && source.size() == self.pinhole.size {
             return source.clone();
         }
-        self.gather(blank, |pixel| sample(source, pixel))
+        self.gather(fill, |pixel| sample(source, pixel))
     }
 
     /// Samples for all pixels that lie in the photograph.
-    fn gather<T: Clone + Send + Sync>(
-        &self,
-        blank: T,
-        sample: impl Fn(&Vector2<f64>) -> T + Sync,
-    ) -> Grid<T> {
-        let mut out = Grid::filled(self.pinhole.size, blank);
+    fn gather<T: Clone + Send + Sync>(&self, fill: T, sample: impl Fn(&Vector2<f64>) -> T + Sync) -> Grid<T> {
+        let mut out = Grid::filled(self.pinhole.size, fill);
         let width = out.width().max(1);
         out.data_mut().par_chunks_mut(width).enumerate().for_each(|(y, row)| {
             for (x, value) in row.iter_mut().enumerate() {
@@ -283,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mask_leaves_out_exactly_what_is_blank() {
+    fn the_mask_leaves_out_exactly_the_empty_pixels() {
         let wide = camera(Lens::Rational { k: [0.3, 0.0, 0.0, 0.0, 0.0, 0.0], p: [0.0; 2] });
         for camera in [barrel(), wide] {
             let undistortion = Undistortion::new(&camera);
@@ -330,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn the_field_of_view_keeps_most_and_leaves_little_blank() {
+    fn the_field_of_view_keeps_most_and_leaves_little_empty() {
         for camera in [barrel(), fisheye()] {
             let undistortion = Undistortion::new(&camera);
             let pinhole = undistortion.pinhole();

@@ -3,7 +3,7 @@
 //! A good source view shows the same surfaces from a little aside: a narrow angle between the viewing
 //! rays gives uncertain depth, a wide one makes surfaces look different. MVSNet (Yao et al. 2018,
 //! section 4.1) scores a pair of views by the sum, over the points both saw, of a piecewise Gaussian of
-//! that angle. Where points do not tell what the views saw, a lattice of virtual points in the view's
+//! that angle. Where points do not tell what the views saw, a grid of virtual points in the view's
 //! frustum stands in for them.
 
 use nalgebra::{Vector2, Vector3};
@@ -36,10 +36,10 @@ const FEWEST_POINTS: usize = 10;
 /// Nearest views by which the depth of the virtual points is estimated.
 const NEAR_VIEWS: usize = 10;
 
-/// Columns and rows of the lattice of virtual points.
-const LATTICE: usize = 5;
+/// Columns and rows of the grid of virtual points.
+const GRID: usize = 5;
 
-/// Layers of the lattice, evenly spaced in inverse depth.
+/// Layers of the grid, evenly spaced in inverse depth.
 const LAYERS: usize = 3;
 
 /// For each view, at most `count` source views, best first; `pinholes` are the undistorted cameras of
@@ -47,7 +47,7 @@ const LAYERS: usize = 3;
 ///
 /// [`Scene::pairs`] are obeyed where there are any. Otherwise MVSNet's score over the tracks decides,
 /// and for views that saw fewer than ten points together with others, the same score over virtual
-/// points: pixels of a lattice lifted to three depths of the view's [`depth_range::for_view`], of
+/// points: pixels of a grid lifted to three depths of the view's [`depth_range::for_view`], of
 /// which those count that project into the other view's image, weighted by the cosine between the
 /// optical axes, because surfaces are seen from one side only. A view that has nothing in common, or
 /// stands at the same place, is not selected, so lists may be shorter than `count`, and empty.
@@ -153,17 +153,17 @@ fn nearest_views(centres: &[Vector3<f64>], view: usize) -> Vec<usize> {
     others
 }
 
-/// The lattice of points, in the world, that stands in for what a view saw.
+/// The grid of points, in the world, that stands in for what a view saw.
 fn virtual_points(view: &View, pinhole: &Pinhole, range: &DepthRange) -> Vec<Vector3<f64>> {
     let world_from_cam = view.cam_from_world.inverse();
     let share = |i: usize, count: usize| (i as f64 + 0.5) / count as f64;
     let (width, height) = (pinhole.size.width as f64, pinhole.size.height as f64);
-    let mut points = Vec::with_capacity(LATTICE * LATTICE * LAYERS);
+    let mut points = Vec::with_capacity(GRID * GRID * LAYERS);
     for layer in 0..LAYERS {
         let t = share(layer, LAYERS);
         let depth = 1.0 / ((1.0 - t) / range.near + t / range.far);
-        for (i, j) in (0..LATTICE).flat_map(|i| (0..LATTICE).map(move |j| (i, j))) {
-            let pixel = Vector2::new(width * share(i, LATTICE), height * share(j, LATTICE));
+        for (i, j) in (0..GRID).flat_map(|i| (0..GRID).map(move |j| (i, j))) {
+            let pixel = Vector2::new(width * share(i, GRID), height * share(j, GRID));
             points.push(world_from_cam.transform(&lift(pinhole, &pixel, depth)));
         }
     }

@@ -21,10 +21,10 @@ fn sphere(seed: u64) -> Vec<[f64; 3]> {
 }
 
 fn clouds(c: &mut Criterion) {
-    let (cloud, truth) = (sphere(1), sphere(2));
+    let (cloud, ground_truth) = (sphere(1), sphere(2));
     let mut group = c.benchmark_group("cloud");
     group.sample_size(10).throughput(Throughput::Elements(POINTS as u64));
-    let distances = || CloudDistances::between(black_box(&cloud), &truth);
+    let distances = || CloudDistances::between(black_box(&cloud), &ground_truth);
     group.bench_function("distances both ways", |b| b.iter(distances));
     let thinned = || thin(black_box(&cloud), 1.3, 0);
     group.bench_function("thin", |b| b.iter(thinned));

@@ -1,6 +1,6 @@
 //! How well a cloud agrees with points of the true surface, in both directions.
 //!
-//! Distances from the cloud to the truth tell its *accuracy*, those from the truth to the cloud its
+//! Distances from the cloud to the ground truth tell its *accuracy*, those from the ground truth to the cloud its
 //! *completeness* (Seitz et al. 2006). Precision, recall and F-score at a threshold are those of Tanks and
 //! Temples (Knapitsch et al. 2017, section 4).
 
@@ -9,21 +9,21 @@ use serde::Serialize;
 use crate::nearest::nearest_distances;
 use crate::stats::Spread;
 
-/// The distances between a cloud and the truth, scene units.
+/// The distances between a cloud and the ground truth, scene units.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CloudDistances {
     /// From each point of the cloud to the nearest true one; infinite if there is none.
-    pub to_truth: Vec<f64>,
+    pub to_ground_truth: Vec<f64>,
     /// From each true point to the nearest of the cloud; infinite if there is none.
     pub to_cloud: Vec<f64>,
 }
 
-/// Agreement of a cloud with truth.
+/// Agreement of a cloud with ground truth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CloudErrors {
-    /// Distances from the cloud to the truth, scene units.
+    /// Distances from the cloud to the ground truth, scene units.
     pub accuracy: Spread,
-    /// Distances from the truth to the cloud, scene units.
+    /// Distances from the ground truth to the cloud, scene units.
     pub completeness: Spread,
     /// Agreement at each threshold.
     pub agreement: Vec<Agreement>,
@@ -44,32 +44,35 @@ pub struct Agreement {
 
 /// Compares the positions of a cloud with true points; both in the same world, in scene units, finite.
 #[must_use]
-pub fn compare_clouds(cloud: &[[f64; 3]], truth: &[[f64; 3]], thresholds: &[f64]) -> CloudErrors {
-    CloudDistances::between(cloud, truth).errors(thresholds)
+pub fn compare_clouds(cloud: &[[f64; 3]], ground_truth: &[[f64; 3]], thresholds: &[f64]) -> CloudErrors {
+    CloudDistances::between(cloud, ground_truth).errors(thresholds)
 }
 
 impl CloudDistances {
     /// The distances between the positions of a cloud and true points.
     #[must_use]
-    pub fn between(cloud: &[[f64; 3]], truth: &[[f64; 3]]) -> Self {
-        Self { to_truth: nearest_distances(cloud, truth), to_cloud: nearest_distances(truth, cloud) }
+    pub fn between(cloud: &[[f64; 3]], ground_truth: &[[f64; 3]]) -> Self {
+        Self {
+            to_ground_truth: nearest_distances(cloud, ground_truth),
+            to_cloud: nearest_distances(ground_truth, cloud),
+        }
     }
 
     /// What the distances come to.
     #[must_use]
     pub fn errors(&self, thresholds: &[f64]) -> CloudErrors {
         CloudErrors {
-            accuracy: Spread::of(self.to_truth.clone()),
+            accuracy: Spread::of(self.to_ground_truth.clone()),
             completeness: Spread::of(self.to_cloud.clone()),
             agreement: thresholds.iter().map(|&threshold| self.agreement(threshold)).collect(),
         }
     }
 
-    /// Agreement at one threshold; an empty cloud, or no truth, scores 0.
+    /// Agreement at one threshold; an empty cloud, or no ground truth, scores 0.
     #[must_use]
     pub fn agreement(&self, threshold: f64) -> Agreement {
         let (precision, recall) =
-            (near_share(&self.to_truth, threshold), near_share(&self.to_cloud, threshold));
+            (near_share(&self.to_ground_truth, threshold), near_share(&self.to_cloud, threshold));
         let sum = precision + recall;
         let f_score = if sum > 0.0 { 2.0 * precision * recall / sum } else { 0.0 };
         Agreement { threshold, precision, recall, f_score }
@@ -101,10 +104,10 @@ mod tests {
 
     #[test]
     fn outliers_cost_precision_and_holes_cost_recall() {
-        let truth = square(0.0);
-        let mut cloud = truth[..100].to_vec();
+        let ground_truth = square(0.0);
+        let mut cloud = ground_truth[..100].to_vec();
         cloud.extend((0..25).map(|i| [f64::from(i), 0.0, 30.0 + f64::from(i)]));
-        let errors = compare_clouds(&cloud, &truth, &[0.5]);
+        let errors = compare_clouds(&cloud, &ground_truth, &[0.5]);
         let agreement = errors.agreement[0];
         assert_eq!((agreement.precision, agreement.recall), (0.8, 0.25));
         assert!((agreement.f_score - 2.0 * 0.8 * 0.25 / 1.05).abs() < 1e-12);
@@ -116,8 +119,8 @@ mod tests {
 
     #[test]
     fn nothing_scores_nothing() {
-        for (cloud, truth) in [(vec![], square(0.0)), (square(0.0), vec![]), (vec![], vec![])] {
-            let errors = compare_clouds(&cloud, &truth, &[1.0]);
+        for (cloud, ground_truth) in [(vec![], square(0.0)), (square(0.0), vec![]), (vec![], vec![])] {
+            let errors = compare_clouds(&cloud, &ground_truth, &[1.0]);
             let agreement = errors.agreement[0];
             assert_eq!((agreement.precision, agreement.recall, agreement.f_score), (0.0, 0.0, 0.0));
             assert!(!errors.accuracy.mean.is_finite() || !errors.completeness.mean.is_finite());

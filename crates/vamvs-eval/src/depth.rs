@@ -1,8 +1,8 @@
 //! How well depth maps agree with true ones, over regions of pixels.
 //!
 //! [`DepthSamples`] collects the pixels of as many maps as wanted; what they come to is asked region by
-//! region. A depth map may be of another size than the truth: a [`PixelMap`] says which true pixel is under
-//! the centre of which pixel, and truth is never interpolated, since that would make depths at edges that
+//! region. A depth map may be of another size than the ground truth: a [`PixelMap`] says which true pixel is under
+//! the centre of which pixel, and ground truth is never interpolated, since that would make depths at edges that
 //! no surface has.
 
 use serde::Serialize;
@@ -71,29 +71,29 @@ pub struct Within {
 /// Depth maps that cannot be compared.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "a depth map of {depth} pixels cannot be compared with a true one of {truth}: they are not of the same shape; with cameras for both (cams/ beside depths/) any sizes can be compared"
+    "a depth map of {depth} pixels cannot be compared with a true one of {ground_truth}: they are not of the same shape; with cameras for both (cams/ beside depths/) any sizes can be compared"
 )]
 pub struct SizeMismatch {
     /// Size of the depth map.
     pub depth: Size,
     /// Size of the true one.
-    pub truth: Size,
+    pub ground_truth: Size,
 }
 
-/// Which pixel of the truth is at the centre of a pixel of a depth map.
+/// Which pixel of the ground truth is at the centre of a pixel of a depth map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelMap {
     scale: [f64; 2],
     offset: [f64; 2],
 }
 
-/// A depth map and its truth.
+/// A depth map and its ground truth.
 #[derive(Clone, Copy, Debug)]
 pub struct MapPair<'a> {
     /// The depth map; depths that are not finite and positive count as none.
     pub depth: &'a Grid<f32>,
-    /// The truth, of the same size.
-    pub truth: &'a Grid<f32>,
+    /// The ground truth, of the same size.
+    pub ground_truth: &'a Grid<f32>,
     /// For each pixel whether all source views see its surface, of the same size; `None` if not known, and
     /// in pixels of which it is not known.
     pub visible: Option<&'a Grid<Option<bool>>>,
@@ -122,20 +122,20 @@ impl PixelMap {
     ///
     /// # Errors
     /// If their shapes differ by more than the rounding of a side.
-    pub fn between_sizes(depth: Size, truth: Size) -> Result<Self, SizeMismatch> {
-        let ratio = |depth: usize, truth: usize| truth as f64 / depth as f64;
-        let scale = [ratio(depth.width, truth.width), ratio(depth.height, truth.height)];
-        let height = truth.height as f64 / scale[0];
+    pub fn between_sizes(depth: Size, ground_truth: Size) -> Result<Self, SizeMismatch> {
+        let ratio = |depth: usize, ground_truth: usize| ground_truth as f64 / depth as f64;
+        let scale = [ratio(depth.width, ground_truth.width), ratio(depth.height, ground_truth.height)];
+        let height = ground_truth.height as f64 / scale[0];
         if (height - depth.height as f64).abs() > 1.0 {
-            return Err(SizeMismatch { depth, truth });
+            return Err(SizeMismatch { depth, ground_truth });
         }
         Ok(Self { scale, offset: [0.0; 2] })
     }
 
     /// Between images of two cameras that stand in the same place and look the same way.
     #[must_use]
-    pub fn between_cameras(depth: &Pinhole, truth: &Pinhole) -> Self {
-        let (from, to) = (&depth.intrinsics, &truth.intrinsics);
+    pub fn between_cameras(depth: &Pinhole, ground_truth: &Pinhole) -> Self {
+        let (from, to) = (&depth.intrinsics, &ground_truth.intrinsics);
         let scale = [to.fx / from.fx, to.fy / from.fy];
         Self { scale, offset: [to.cx - scale[0] * from.cx, to.cy - scale[1] * from.cy] }
     }
@@ -155,10 +155,10 @@ impl PixelMap {
 
 impl PlaneUnit {
     /// The error in plane distances.
-    fn error(&self, depth: f64, truth: f64) -> f64 {
+    fn error(&self, depth: f64, ground_truth: f64) -> f64 {
         match self {
-            Self::Planes(planes) => (planes.coordinate(depth) - planes.coordinate(truth)).abs(),
-            Self::Distance(distance) => (depth - truth).abs() / distance,
+            Self::Planes(planes) => (planes.coordinate(depth) - planes.coordinate(ground_truth)).abs(),
+            Self::Distance(distance) => (depth - ground_truth).abs() / distance,
         }
     }
 }
@@ -170,15 +170,15 @@ impl DepthSamples {
     /// If the sizes differ.
     pub fn add(&mut self, pair: &MapPair) -> Result<(), SizeMismatch> {
         let size = pair.depth.size();
-        let sizes = [Some(pair.truth.size()), pair.visible.map(Grid::size)];
+        let sizes = [Some(pair.ground_truth.size()), pair.visible.map(Grid::size)];
         if let Some(other) = sizes.into_iter().flatten().find(|other| *other != size) {
-            return Err(SizeMismatch { depth: size, truth: other });
+            return Err(SizeMismatch { depth: size, ground_truth: other });
         }
-        let pixels = pair.depth.data().iter().zip(pair.truth.data()).enumerate();
-        self.samples.extend(pixels.filter(|(_, (_, truth))| is_valid(**truth)).map(
-            |(index, (&depth, &truth))| Sample {
+        let pixels = pair.depth.data().iter().zip(pair.ground_truth.data()).enumerate();
+        self.samples.extend(pixels.filter(|(_, (_, ground_truth))| is_valid(**ground_truth)).map(
+            |(index, (&depth, &ground_truth))| Sample {
                 visible: pair.visible.and_then(|visible| visible.data()[index]),
-                ..Sample::of(depth, truth, pair.plane)
+                ..Sample::of(depth, ground_truth, pair.plane)
             },
         ));
         Ok(())
@@ -247,8 +247,8 @@ impl DepthErrors {
 }
 
 impl Sample {
-    fn of(depth: f32, truth: f32, plane: Option<PlaneUnit>) -> Self {
-        let (d, t) = (f64::from(depth), f64::from(truth));
+    fn of(depth: f32, ground_truth: f32, plane: Option<PlaneUnit>) -> Self {
+        let (d, t) = (f64::from(depth), f64::from(ground_truth));
         let (absolute, planes) = match is_valid(depth) {
             true => ((d - t).abs(), plane.map_or(f64::NAN, |plane| plane.error(d, t))),
             false => (f64::NAN, f64::NAN),
@@ -285,20 +285,22 @@ mod tests {
         Grid::from_vec(Size::new(values.len(), 1), values.to_vec())
     }
 
-    fn errors(depth: &[f32], truth: &[f32], thresholds: &[Threshold]) -> DepthErrors {
+    fn errors(depth: &[f32], ground_truth: &[f32], thresholds: &[Threshold]) -> DepthErrors {
         let mut samples = DepthSamples::default();
         let plane = Some(PlaneUnit::Distance(0.25));
-        samples.add(&MapPair { depth: &grid(depth), truth: &grid(truth), visible: None, plane }).unwrap();
+        samples
+            .add(&MapPair { depth: &grid(depth), ground_truth: &grid(ground_truth), visible: None, plane })
+            .unwrap();
         samples.errors(Region::All, thresholds)
     }
 
     #[test]
     fn shares_count_pixels_with_both_depths_and_coverage_those_with_truth() {
         use Threshold::{Absolute, Planes, Relative};
-        let truth = [2.0, 2.0, 2.0, 2.0, 2.0, 0.0, f32::NAN, 2.0];
+        let ground_truth = [2.0, 2.0, 2.0, 2.0, 2.0, 0.0, f32::NAN, 2.0];
         let depth = [2.0, 2.25, 1.5, 4.0, 0.0, 9.0, 9.0, f32::INFINITY];
         let limits = [Relative(0.0), Relative(0.125), Relative(0.2), Absolute(0.5), Planes(0.9), Planes(2.0)];
-        let errors = errors(&depth, &truth, &limits);
+        let errors = errors(&depth, &ground_truth, &limits);
         assert_eq!((errors.true_pixels, errors.coverage), (6, 4.0 / 6.0));
         assert_eq!(errors.relative, Spread { count: 4, mean: 1.375 / 4.0, median: 0.1875 });
         assert_eq!(errors.absolute, Spread { count: 4, mean: 2.75 / 4.0, median: 0.375 });
@@ -325,10 +327,17 @@ mod tests {
     #[test]
     fn regions_split_the_pixels_whose_visibility_is_known() {
         let mut samples = DepthSamples::default();
-        let (depth, truth) = (grid(&[1.0, 2.0, 3.0, 0.0, 5.0]), grid(&[1.0, 1.0, 1.0, 1.0, 1.0]));
+        let (depth, ground_truth) = (grid(&[1.0, 2.0, 3.0, 0.0, 5.0]), grid(&[1.0, 1.0, 1.0, 1.0, 1.0]));
         let visible = grid(&[Some(true), Some(false), None, Some(true), Some(false)]);
         assert!(!samples.know_visibility());
-        samples.add(&MapPair { depth: &depth, truth: &truth, visible: Some(&visible), plane: None }).unwrap();
+        samples
+            .add(&MapPair {
+                depth: &depth,
+                ground_truth: &ground_truth,
+                visible: Some(&visible),
+                plane: None,
+            })
+            .unwrap();
         assert!(samples.know_visibility());
         let of = |region| samples.errors(region, &[Threshold::Absolute(0.5), Threshold::Planes(1e9)]);
         let [all, invisible, visible] = [Region::All, Region::Invisible, Region::Visible].map(of);
@@ -342,8 +351,10 @@ mod tests {
     fn several_maps_are_one_population() {
         let mut samples = DepthSamples::default();
         for value in [1.0, 2.0] {
-            let (depth, truth) = (grid(&[value; 3]), grid(&[1.0; 3]));
-            samples.add(&MapPair { depth: &depth, truth: &truth, visible: None, plane: None }).unwrap();
+            let (depth, ground_truth) = (grid(&[value; 3]), grid(&[1.0; 3]));
+            samples
+                .add(&MapPair { depth: &depth, ground_truth: &ground_truth, visible: None, plane: None })
+                .unwrap();
         }
         let mut twice = samples.clone();
         twice.append(&samples);
@@ -365,28 +376,33 @@ mod tests {
 
     #[test]
     fn a_smaller_map_is_compared_with_the_truth_at_its_centres() {
-        let truth = Grid::from_fn(Size::new(8, 4), |x, y| (10 * y + x) as f32);
-        let half = PixelMap::between_sizes(Size::new(4, 2), truth.size()).unwrap();
+        let ground_truth = Grid::from_fn(Size::new(8, 4), |x, y| (10 * y + x) as f32);
+        let half = PixelMap::between_sizes(Size::new(4, 2), ground_truth.size()).unwrap();
         assert_eq!(
-            half.sampled(&truth, Size::new(4, 2)).data(),
+            half.sampled(&ground_truth, Size::new(4, 2)).data(),
             [11.0, 13.0, 15.0, 17.0, 31.0, 33.0, 35.0, 37.0]
         );
         // A map of the part from pixel (2, 1) on, at half size, as cameras tell.
         let camera = |size, f, cx, cy| Pinhole { size, intrinsics: Intrinsics { fx: f, fy: f, cx, cy } };
-        let (whole, part) = (camera(truth.size(), 10.0, 4.0, 2.0), camera(Size::new(4, 1), 5.0, 1.0, 0.5));
-        let sampled = PixelMap::between_cameras(&part, &whole).sampled(&truth, Size::new(4, 1));
+        let (whole, part) =
+            (camera(ground_truth.size(), 10.0, 4.0, 2.0), camera(Size::new(4, 1), 5.0, 1.0, 0.5));
+        let sampled = PixelMap::between_cameras(&part, &whole).sampled(&ground_truth, Size::new(4, 1));
         assert_eq!(sampled.data(), [23.0, 25.0, 27.0, 0.0], "the last pixel is beside the image");
     }
 
     #[test]
     fn shapes_must_agree_but_for_rounding() {
-        let fits = |depth, truth| PixelMap::between_sizes(depth, truth).is_ok();
+        let fits = |depth, ground_truth| PixelMap::between_sizes(depth, ground_truth).is_ok();
         assert!(fits(Size::new(426, 320), Size::new(853, 640)));
         assert!(fits(Size::new(640, 480), Size::new(320, 240)));
         let error = PixelMap::between_sizes(Size::new(320, 200), Size::new(640, 480)).unwrap_err();
         assert!(error.to_string().contains("320×200") && error.to_string().contains("640×480"));
         let mut samples = DepthSamples::default();
-        let (depth, truth) = (grid(&[1.0]), grid(&[1.0, 1.0]));
-        assert!(samples.add(&MapPair { depth: &depth, truth: &truth, visible: None, plane: None }).is_err());
+        let (depth, ground_truth) = (grid(&[1.0]), grid(&[1.0, 1.0]));
+        assert!(
+            samples
+                .add(&MapPair { depth: &depth, ground_truth: &ground_truth, visible: None, plane: None })
+                .is_err()
+        );
     }
 }

@@ -12,8 +12,8 @@
 //!
 //! MATLAB's random order of thinning differs from run to run; ours is drawn from a seed.
 
+use crate::VoxelMask;
 use serde::Serialize;
-use vamvs_core::VoxelMask;
 
 use crate::nearest::nearest_distances;
 use crate::stats::Spread;

@@ -1,4 +1,4 @@
-//! Measures of depth maps and clouds against truth, as the field's benchmarks take them.
+//! Measures of depth maps and clouds against ground truth, as the field's benchmarks take them.
 //!
 //! [`depth`] compares depth maps, [`cloud`] clouds; [`dtu`] and [`tnt`] are the protocols of two
 //! benchmarks, put together of [`thin`](mod@thin), [`voxel`] and [`icp`]. [`surface`] makes a true cloud of
@@ -6,6 +6,7 @@
 
 mod cells;
 pub mod cloud;
+pub mod crop;
 pub mod depth;
 pub mod dtu;
 pub mod icp;
@@ -16,12 +17,15 @@ pub mod surface;
 pub mod thin;
 pub mod tnt;
 pub mod voxel;
+pub mod voxel_mask;
 
 pub use cells::TooFine;
 pub use cloud::{Agreement, CloudDistances, CloudErrors, compare_clouds};
+pub use crop::CropVolume;
 pub use depth::{DepthErrors, DepthSamples, PixelMap, Region, Threshold};
 pub use nearest::nearest_distances;
 pub use reliability::Reliability;
 pub use stats::Spread;
 pub use thin::thin;
 pub use voxel::voxel_means;
+pub use voxel_mask::VoxelMask;

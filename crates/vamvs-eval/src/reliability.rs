@@ -3,7 +3,7 @@
 use serde::Serialize;
 use vamvs_core::{Grid, depth_map::is_valid};
 
-/// A depth is right if it is off by at most this, as a share of the true depth.
+/// A depth is right if its error is at most this, as a share of the true depth.
 pub const RIGHT_WITHIN: f64 = 0.01;
 
 /// Bins of confidence, of equal width.
@@ -29,7 +29,7 @@ pub struct Bin {
 
 /// Of the pixels of at least a confidence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Kept {
+pub struct AboveConfidence {
     /// The least confidence.
     pub confidence: f64,
     /// The share of all pixels that have it.
@@ -49,15 +49,15 @@ impl Default for Reliability {
 pub fn outcomes<'a>(
     depth: &'a Grid<f32>,
     confidence: &'a Grid<f32>,
-    truth: &'a Grid<f32>,
+    ground_truth: &'a Grid<f32>,
 ) -> impl Iterator<Item = (f32, bool)> + 'a {
-    let pixels = depth.data().iter().zip(confidence.data()).zip(truth.data());
-    let known = pixels.filter(|((depth, confidence), truth)| {
-        is_valid(**depth) && is_valid(**truth) && confidence.is_finite()
+    let pixels = depth.data().iter().zip(confidence.data()).zip(ground_truth.data());
+    let known = pixels.filter(|((depth, confidence), ground_truth)| {
+        is_valid(**depth) && is_valid(**ground_truth) && confidence.is_finite()
     });
-    known.map(move |((depth, confidence), truth)| {
-        let (depth, truth) = (f64::from(*depth), f64::from(*truth));
-        (*confidence, (depth - truth).abs() <= RIGHT_WITHIN * truth)
+    known.map(move |((depth, confidence), ground_truth)| {
+        let (depth, ground_truth) = (f64::from(*depth), f64::from(*ground_truth));
+        (*confidence, (depth - ground_truth).abs() <= RIGHT_WITHIN * ground_truth)
     })
 }
 
@@ -103,14 +103,18 @@ impl Reliability {
 
     /// What a least confidence keeps, for each lower end of a bin.
     #[must_use]
-    pub fn kept(&self) -> Vec<Kept> {
+    pub fn above_confidences(&self) -> Vec<AboveConfidence> {
         let all = self.pixels() as f64;
         let of = |first: usize| {
             let [pixels, right] = self.bins[first..]
                 .iter()
                 .fold([0, 0], |[pixels, right], bin| [pixels + bin.pixels, right + bin.right])
                 .map(|count| count as f64);
-            Kept { confidence: first as f64 / BINS as f64, share: pixels / all, right: right / pixels }
+            AboveConfidence {
+                confidence: first as f64 / BINS as f64,
+                share: pixels / all,
+                right: right / pixels,
+            }
         };
         (0..BINS).map(of).collect()
     }
@@ -132,7 +136,7 @@ mod tests {
         }
         assert!(honest.error() < 1e-7);
         assert!((boastful.error() - 0.3).abs() < 1e-7);
-        let kept = honest.kept();
+        let kept = honest.above_confidences();
         assert_eq!((kept[0].share, kept[0].right), (1.0, 0.5));
         assert_eq!((kept[10].confidence, kept[10].share, kept[10].right), (0.5, 0.5, 0.7));
         assert!(kept[19].right.is_nan() && kept[19].share == 0.0);
@@ -144,10 +148,10 @@ mod tests {
     #[test]
     fn outcomes_are_those_of_pixels_with_both_depths() {
         let grid = |values: [f32; 5]| Grid::from_vec(Size::new(5, 1), values.to_vec());
-        let truth = grid([2.0, 2.0, 0.0, 2.0, 2.0]);
+        let ground_truth = grid([2.0, 2.0, 0.0, 2.0, 2.0]);
         let depth = grid([2.0, 2.03, 2.0, 0.0, 2.01]);
         let confidence = grid([0.9, 0.5, 0.5, 0.5, f32::NAN]);
-        let found: Vec<_> = outcomes(&depth, &confidence, &truth).collect();
+        let found: Vec<_> = outcomes(&depth, &confidence, &ground_truth).collect();
         assert_eq!(found, [(0.9, true), (0.5, false)]);
     }
 }

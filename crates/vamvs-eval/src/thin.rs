@@ -18,7 +18,7 @@ use crate::cells::{self, TooFine};
 /// Points of a piece of work.
 const CHUNK: usize = 1 << 14;
 
-/// The fate of a point.
+/// What is decided of a point.
 const OPEN: u8 = 0;
 const KEPT: u8 = 1;
 const REMOVED: u8 = 2;
@@ -31,11 +31,11 @@ const REMOVED: u8 = 2;
 /// If the cloud is too large for the distance.
 pub fn thin(points: &[[f64; 3]], distance: f64, seed: u64) -> Result<Vec<[f64; 3]>, TooFine> {
     let sites = sites(points, distance, seed)?;
-    let fates = fates(&sites, distance * distance);
+    let decisions = decisions(&sites, distance * distance);
     let mut kept: Vec<u32> = sites
         .iter()
-        .zip(&fates)
-        .filter(|(_, fate)| fate.load(Relaxed) == KEPT)
+        .zip(&decisions)
+        .filter(|(_, decision)| decision.load(Relaxed) == KEPT)
         .map(|(s, _)| s.point)
         .collect();
     kept.par_sort_unstable();
@@ -65,58 +65,58 @@ fn sites(points: &[[f64; 3]], distance: f64, seed: u64) -> Result<Vec<Site>, Too
     Ok(entries.par_iter().map(site).collect())
 }
 
-/// Decides all points. A fate, once told, holds, so pieces may see each other's work of the same round.
-fn fates(sites: &[Site], squared_distance: f64) -> Vec<AtomicU8> {
-    let fates: Vec<AtomicU8> = sites.iter().map(|_| AtomicU8::new(OPEN)).collect();
+/// Decides all points. A decision, once made, holds, so pieces may see each other's work of the same round.
+fn decisions(sites: &[Site], squared_distance: f64) -> Vec<AtomicU8> {
+    let decisions: Vec<AtomicU8> = sites.iter().map(|_| AtomicU8::new(OPEN)).collect();
     let chunks: Vec<Range<usize>> =
         (0..sites.len()).step_by(CHUNK).map(|from| from..(from + CHUNK).min(sites.len())).collect();
-    let round = |chunk: &Range<usize>| Sweep::new(sites, &fates, squared_distance).decide(chunk.clone());
+    let round = |chunk: &Range<usize>| Sweep::new(sites, &decisions, squared_distance).decide(chunk.clone());
     while chunks.par_iter().map(round).sum::<usize>() > 0 {}
-    fates
+    decisions
 }
 
 /// A walk over the sites, with a finger in each of the nine rows of cells around.
 struct Sweep<'a> {
     sites: &'a [Site],
-    fates: &'a [AtomicU8],
+    decisions: &'a [AtomicU8],
     squared_distance: f64,
     fingers: [usize; 9],
 }
 
 impl<'a> Sweep<'a> {
-    fn new(sites: &'a [Site], fates: &'a [AtomicU8], squared_distance: f64) -> Self {
-        Self { sites, fates, squared_distance, fingers: [0; 9] }
+    fn new(sites: &'a [Site], decisions: &'a [AtomicU8], squared_distance: f64) -> Self {
+        Self { sites, decisions, squared_distance, fingers: [0; 9] }
     }
 
     /// Decides what can be decided in a range of sites; returns how many stay open.
     fn decide(&mut self, range: Range<usize>) -> usize {
         let mut open = 0;
         for at in range {
-            if self.fates[at].load(Relaxed) == OPEN {
-                let fate = self.fate(at);
-                self.fates[at].store(fate, Relaxed);
-                open += usize::from(fate == OPEN);
+            if self.decisions[at].load(Relaxed) == OPEN {
+                let decision = self.decision(at);
+                self.decisions[at].store(decision, Relaxed);
+                open += usize::from(decision == OPEN);
             }
         }
         open
     }
 
-    fn fate(&mut self, at: usize) -> u8 {
+    fn decision(&mut self, at: usize) -> u8 {
         let site = &self.sites[at];
-        let mut fate = KEPT;
+        let mut decision = KEPT;
         for row in 0..9 {
             for other in self.row(row, site.cell) {
                 let before = self.sites[other].rank < site.rank;
                 if before && squared(&site.x, &self.sites[other].x) <= self.squared_distance {
-                    match self.fates[other].load(Relaxed) {
+                    match self.decisions[other].load(Relaxed) {
                         KEPT => return REMOVED,
-                        OPEN => fate = OPEN,
+                        OPEN => decision = OPEN,
                         _ => {}
                     }
                 }
             }
         }
-        fate
+        decision
     }
 
     /// The sites of the three cells around a cell in one of the nine rows.

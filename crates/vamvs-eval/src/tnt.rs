@@ -3,13 +3,15 @@
 //!
 //! 1. The cloud is brought into the frame of the ground truth by a given alignment, which the toolbox finds
 //!    from camera positions, and which [`TntProtocol::refined`] improves on the clouds themselves (`run.py`).
-//! 2. Cloud and truth are cut by the scene's volume and thinned to the means of voxels of τ / 2
+//! 2. Cloud and ground truth are cut by the scene's volume and thinned to the means of voxels of τ / 2
 //!    (`EvaluateHisto`).
-//! 3. *Precision* is the share of the cloud's points nearer than τ to the truth, *recall* that of the truth's
+//! 3. *Precision* is the share of the cloud's points nearer than τ to the ground truth, *recall* that of the ground truth's
 //!    points nearer than τ to the cloud.
 
 use serde::Serialize;
-use vamvs_core::{CropVolume, Similarity};
+use vamvs_core::Similarity;
+
+use crate::CropVolume;
 
 use crate::cloud::{Agreement, CloudDistances};
 use crate::icp::{Icp, transformed};
@@ -26,12 +28,12 @@ const STEPS: usize = 30;
 /// What a scene is measured by.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TntProtocol {
-    /// The scene's threshold τ, units of the truth.
+    /// The scene's threshold τ, units of the ground truth.
     pub tau: f64,
-    /// The part of the truth's frame that counts; `None` for all.
+    /// The part of the ground truth's frame that counts; `None` for all.
     pub crop: Option<CropVolume>,
     /// The alignment.
-    pub truth_from_cloud: Similarity,
+    pub ground_truth_from_cloud: Similarity,
 }
 
 /// A scene's measures.
@@ -39,13 +41,13 @@ pub struct TntProtocol {
 pub struct TntScores {
     /// Points of the cloud after cutting and thinning.
     pub cloud_points: usize,
-    /// Points of the truth after cutting and thinning.
-    pub truth_points: usize,
+    /// Points of the ground truth after cutting and thinning.
+    pub ground_truth_points: usize,
     /// Precision, recall and F-score at τ.
     #[serde(flatten)]
     pub agreement: Agreement,
     /// The alignment that was used.
-    pub truth_from_cloud: Similarity,
+    pub ground_truth_from_cloud: Similarity,
 }
 
 impl TntProtocol {
@@ -53,32 +55,32 @@ impl TntProtocol {
     ///
     /// # Errors
     /// If a cloud is too large to be thinned.
-    pub fn refined(mut self, cloud: &[[f64; 3]], truth: &[[f64; 3]]) -> Result<Self, TooFine> {
-        let cut_truth = self.cut(truth.to_vec());
+    pub fn refined(mut self, cloud: &[[f64; 3]], ground_truth: &[[f64; 3]]) -> Result<Self, TooFine> {
+        let cut_truth = self.cut(ground_truth.to_vec());
         for (voxel, radius) in [(1.0, 80.0), (0.5, 20.0)] {
             let source =
-                voxel_means(&self.cut(transformed(cloud, &self.truth_from_cloud)), voxel * self.tau)?;
+                voxel_means(&self.cut(transformed(cloud, &self.ground_truth_from_cloud)), voxel * self.tau)?;
             let target = voxel_means(&cut_truth, voxel * self.tau)?;
             self.align(&source, &target, radius * self.tau);
         }
-        let source = some(self.cut(transformed(cloud, &self.truth_from_cloud)));
+        let source = some(self.cut(transformed(cloud, &self.ground_truth_from_cloud)));
         self.align(&source, &some(cut_truth), 2.0 * self.tau);
         Ok(self)
     }
 
-    /// Measures a cloud against the truth; both finite.
+    /// Measures a cloud against the ground truth; both finite.
     ///
     /// # Errors
     /// If a cloud is too large to be thinned.
-    pub fn scores(&self, cloud: &[[f64; 3]], truth: &[[f64; 3]]) -> Result<TntScores, TooFine> {
+    pub fn scores(&self, cloud: &[[f64; 3]], ground_truth: &[[f64; 3]]) -> Result<TntScores, TooFine> {
         let thinned = |cloud| voxel_means(&self.cut(cloud), 0.5 * self.tau);
-        let cloud = thinned(transformed(cloud, &self.truth_from_cloud))?;
-        let truth = thinned(truth.to_vec())?;
+        let cloud = thinned(transformed(cloud, &self.ground_truth_from_cloud))?;
+        let ground_truth = thinned(ground_truth.to_vec())?;
         Ok(TntScores {
             cloud_points: cloud.len(),
-            truth_points: truth.len(),
-            agreement: CloudDistances::between(&cloud, &truth).agreement(self.tau),
-            truth_from_cloud: self.truth_from_cloud,
+            ground_truth_points: ground_truth.len(),
+            agreement: CloudDistances::between(&cloud, &ground_truth).agreement(self.tau),
+            ground_truth_from_cloud: self.ground_truth_from_cloud,
         })
     }
 
@@ -89,10 +91,10 @@ impl TntProtocol {
         cloud
     }
 
-    /// `source` is in the truth's frame already, by the alignment so far.
+    /// `source` is in the ground truth's frame already, by the alignment so far.
     fn align(&mut self, source: &[[f64; 3]], target: &[[f64; 3]], radius: f64) {
         let better = Icp { radius, steps: STEPS }.refined(source, target, &Similarity::identity());
-        self.truth_from_cloud = better.compose(&self.truth_from_cloud);
+        self.ground_truth_from_cloud = better.compose(&self.ground_truth_from_cloud);
     }
 }
 

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use nalgebra::{Rotation3, Vector3};
-use vamvs_core::{CropVolume, Similarity, VoxelMask};
+use vamvs_core::Similarity;
 use vamvs_eval::dtu::DtuProtocol;
 use vamvs_eval::icp::transformed;
 use vamvs_eval::tnt::TntProtocol;
@@ -96,20 +96,20 @@ fn surface() -> Vec<[f64; 3]> {
 }
 
 fn tnt(tau: f64) -> TntProtocol {
-    TntProtocol { tau, crop: None, truth_from_cloud: Similarity::identity() }
+    TntProtocol { tau, crop: None, ground_truth_from_cloud: Similarity::identity() }
 }
 
 #[test]
 fn tnt_precision_and_recall_count_voxels_in_the_volume() {
     // Points are 1 apart and voxels 0.25 wide: each point is a voxel.
-    let truth = square(20, 1.0, 0.0);
+    let ground_truth = square(20, 1.0, 0.0);
     // A quarter of the surface is missing; as many outliers are 3 above, of which half are outside.
-    let mut cloud: Vec<_> = truth.iter().copied().filter(|x| x[1] < 14.5).collect();
+    let mut cloud: Vec<_> = ground_truth.iter().copied().filter(|x| x[1] < 14.5).collect();
     cloud.extend(square(10, 1.0, 3.0).iter().map(|x| [x[0], x[1], if x[1] < 4.5 { 3.0 } else { 9.0 }]));
     let outline = vec![[-0.5, -0.5], [19.5, -0.5], [19.5, 19.5], [-0.5, 19.5]];
     let crop = Some(CropVolume { axis: 2, span: [-1.0, 5.0], outline });
-    let scores = TntProtocol { crop, ..tnt(0.5) }.scores(&cloud, &truth).unwrap();
-    assert_eq!((scores.cloud_points, scores.truth_points), (350, 400));
+    let scores = TntProtocol { crop, ..tnt(0.5) }.scores(&cloud, &ground_truth).unwrap();
+    assert_eq!((scores.cloud_points, scores.ground_truth_points), (350, 400));
     let agreement = scores.agreement;
     assert_eq!((agreement.precision, agreement.recall), (300.0 / 350.0, 0.75));
     let f_score = 2.0 * agreement.precision * 0.75 / (agreement.precision + 0.75);
@@ -118,39 +118,41 @@ fn tnt_precision_and_recall_count_voxels_in_the_volume() {
 
 #[test]
 fn tnt_a_distance_of_exactly_tau_is_not_near() {
-    let (cloud, truth) = (square(20, 1.0, 0.5), square(20, 1.0, 0.0));
-    assert_eq!(tnt(0.5).scores(&cloud, &truth).unwrap().agreement.f_score, 0.0);
-    assert_eq!(tnt(0.51).scores(&cloud, &truth).unwrap().agreement.f_score, 1.0);
+    let (cloud, ground_truth) = (square(20, 1.0, 0.5), square(20, 1.0, 0.0));
+    assert_eq!(tnt(0.5).scores(&cloud, &ground_truth).unwrap().agreement.f_score, 0.0);
+    assert_eq!(tnt(0.51).scores(&cloud, &ground_truth).unwrap().agreement.f_score, 1.0);
 }
 
 #[test]
 fn tnt_a_given_alignment_is_used_and_a_rough_one_is_refined() {
-    let truth = surface();
-    let truth_from_cloud = Similarity {
+    let ground_truth = surface();
+    let ground_truth_from_cloud = Similarity {
         scale: 0.2,
         rotation: Rotation3::from_euler_angles(0.4, 1.1, -2.0).into_inner(),
         translation: Vector3::new(5.0, -3.0, 2.0),
     };
-    let cloud: Vec<[f64; 3]> = truth
+    let cloud: Vec<[f64; 3]> = ground_truth
         .iter()
         .map(|x| {
-            (truth_from_cloud.rotation.transpose() * (Vector3::from(*x) - truth_from_cloud.translation) / 0.2)
+            (ground_truth_from_cloud.rotation.transpose()
+                * (Vector3::from(*x) - ground_truth_from_cloud.translation)
+                / 0.2)
                 .into()
         })
         .collect();
-    let exact = TntProtocol { truth_from_cloud, ..tnt(0.01) };
-    assert_eq!(exact.scores(&cloud, &truth).unwrap().agreement.f_score, 1.0);
+    let exact = TntProtocol { ground_truth_from_cloud, ..tnt(0.01) };
+    assert_eq!(exact.scores(&cloud, &ground_truth).unwrap().agreement.f_score, 1.0);
     let off = Similarity {
         scale: 1.002,
         rotation: Rotation3::from_euler_angles(0.003, -0.002, 0.004).into_inner(),
         translation: Vector3::new(0.03, -0.02, 0.025),
     };
-    let rough = TntProtocol { truth_from_cloud: off.compose(&truth_from_cloud), ..exact };
-    assert!(rough.scores(&cloud, &truth).unwrap().agreement.f_score < 0.5);
-    let refined = rough.refined(&cloud, &truth).unwrap();
-    assert!(refined.scores(&cloud, &truth).unwrap().agreement.f_score > 0.999);
-    let aligned = transformed(&cloud, &refined.truth_from_cloud);
+    let rough = TntProtocol { ground_truth_from_cloud: off.compose(&ground_truth_from_cloud), ..exact };
+    assert!(rough.scores(&cloud, &ground_truth).unwrap().agreement.f_score < 0.5);
+    let refined = rough.refined(&cloud, &ground_truth).unwrap();
+    assert!(refined.scores(&cloud, &ground_truth).unwrap().agreement.f_score > 0.999);
+    let aligned = transformed(&cloud, &refined.ground_truth_from_cloud);
     let off = |(a, b): (&[f64; 3], &[f64; 3])| (Vector3::from(*a) - Vector3::from(*b)).norm();
-    let worst = aligned.iter().zip(&truth).map(off).fold(0.0, f64::max);
+    let worst = aligned.iter().zip(&ground_truth).map(off).fold(0.0, f64::max);
     assert!(worst < 2e-3, "{worst}");
 }

@@ -7,15 +7,16 @@ use vamvs_core::{Cloud, Roi};
 
 use crate::appearance::SeenView;
 use crate::cache::ViewCache;
-use crate::geometric::{Kept, keep};
-use crate::merge::{Merger, Other};
+use crate::event::{FuseEvent, OnFuseEvent, Sink, tell};
+use crate::geometric::{ConsistentPixels, keep};
+use crate::merge::{Merger, RivalView};
 use crate::order::by_neighbourhood;
 use crate::outlet::{Batch, Outlet};
 use crate::pair::Pair;
 use crate::photometric::FilteredView;
 use crate::priority::Ranking;
 use crate::spacing::Thinner;
-use crate::{BoxError, FuseError, FuseOptions, FuseReport, FusedPoints, MapSource};
+use crate::{FuseError, FuseOptions, FuseReport, FusedPoints, MapSource};
 
 /// What is fused and how.
 #[derive(Debug)]
@@ -32,40 +33,6 @@ pub struct FuseJob<'a, S: ?Sized> {
     /// bit of each pixel of all views. A view and its neighbours are held together even if that takes more;
     /// [`FuseReport::memory`] tells.
     pub memory: usize,
-}
-
-/// Where points go.
-pub(crate) type Sink<'a> = dyn FnMut(&FusedPoints) -> Result<(), BoxError> + 'a;
-
-/// Takes how far a fusion is and says whether it goes on: `ControlFlow::Break(())` ends it with
-/// [`FuseError::Cancelled`].
-pub type OnFuseEvent<'a> = dyn FnMut(FuseEvent) -> ControlFlow<()> + 'a;
-
-/// Tells how far a fusion is.
-pub(crate) fn tell(on_event: &mut OnFuseEvent<'_>, event: FuseEvent) -> Result<(), FuseError> {
-    match on_event(event) {
-        ControlFlow::Continue(()) => Ok(()),
-        ControlFlow::Break(()) => Err(FuseError::Cancelled),
-    }
-}
-
-/// How far a fusion is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FuseEvent {
-    /// The first pass is through with a view.
-    Filtered {
-        /// The view.
-        view: usize,
-        /// Pixels that passed all filters.
-        kept: u64,
-    },
-    /// The second pass is through with a view; its points are with the sink.
-    Merged {
-        /// The view.
-        view: usize,
-        /// Points that it made.
-        points: u64,
-    },
 }
 
 /// Fuses depth maps; the points go to `sink` view by view, those of a view in the order of its pixels and in
@@ -143,9 +110,9 @@ fn filter_views<S: MapSource + ?Sized>(
     job: &FuseJob<'_, S>,
     (neighbours, order): (&[Vec<usize>], &[usize]),
     on_event: &mut OnFuseEvent<'_>,
-) -> Result<(Vec<Kept>, usize), FuseError> {
+) -> Result<(Vec<ConsistentPixels>, usize), FuseError> {
     let mut cache = ViewCache::new(job.memory, |view| job.filtered(view));
-    let mut all: Vec<Kept> = neighbours.iter().map(|_| Kept::default()).collect();
+    let mut all: Vec<ConsistentPixels> = neighbours.iter().map(|_| ConsistentPixels::default()).collect();
     let wanted = |&view: &usize| with_neighbours(view, &neighbours[view]);
     for (step, &view) in order.iter().enumerate() {
         let next = order.get(step + 1).map(wanted).unwrap_or_default();
@@ -183,7 +150,7 @@ impl<S: MapSource + ?Sized> FuseJob<'_, S> {
 /// The second pass.
 struct Merging<'a, S: ?Sized> {
     job: &'a FuseJob<'a, S>,
-    kept: &'a [Kept],
+    kept: &'a [ConsistentPixels],
     /// The typical size of a pixel on the surface, scene units.
     unit: f64,
     /// For each view, those that may see the same places.
@@ -233,7 +200,7 @@ impl<S: MapSource + ?Sized> Merging<'_, S> {
     fn merger<'b>(&'b self, view: usize, views: &'b [Arc<SeenView>]) -> Merger<'b> {
         let ranking = |view: usize, seen: &SeenView| Ranking::new(view, &seen.filtered, self.unit);
         let reference = &views[0];
-        let other = |(&number, seen): (&usize, &'b Arc<SeenView>)| Other {
+        let other = |(&number, seen): (&usize, &'b Arc<SeenView>)| RivalView {
             ranking: ranking(number, seen),
             kept: &self.kept[number].bits,
             pair: Pair::new(&reference.filtered, number, &seen.filtered, self.job.options),
@@ -251,7 +218,7 @@ impl<S: MapSource + ?Sized> Merging<'_, S> {
 }
 
 /// The mean size on the surface of all kept pixels, scene units.
-fn typical_footprint(kept: &[Kept]) -> f64 {
+fn typical_footprint(kept: &[ConsistentPixels]) -> f64 {
     let count: u64 = kept.iter().map(|view| view.count).sum();
     let sum: f64 = kept.iter().map(|view| view.footprints).sum();
     if count == 0 { 1.0 } else { sum / count as f64 }

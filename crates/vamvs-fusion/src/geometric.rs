@@ -13,7 +13,7 @@ use crate::{FuseOptions, ViewReport};
 
 /// What the filters left of a view.
 #[derive(Default)]
-pub(crate) struct Kept {
+pub(crate) struct ConsistentPixels {
     /// The pixels that are kept.
     pub bits: BitGrid,
     /// How many of them there are.
@@ -30,7 +30,7 @@ pub(crate) fn keep(
     pairs: &[Pair<'_>],
     options: &FuseOptions,
     roi: Option<&Roi>,
-) -> Kept {
+) -> ConsistentPixels {
     let rule = Rule::new(reference, pairs, options);
     let filter = RowFilter { reference, rule, roi: roi.map(|roi| RoiTest::new(reference, roi)) };
     let mut kept = BitGrid::zeros(reference.size());
@@ -40,7 +40,7 @@ pub(crate) fn keep(
     report.inconsistent = rows.iter().map(|row| row.inconsistent).sum();
     let depths: f64 = rows.iter().map(|row| row.depths).sum();
     let count = rows.iter().map(|row| row.kept).sum();
-    Kept { bits: kept, count, footprints: depths / focal(&reference.camera), report }
+    ConsistentPixels { bits: kept, count, footprints: depths / focal(&reference.camera), report }
 }
 
 struct RowFilter<'a> {

@@ -20,6 +20,7 @@ mod bits;
 mod cache;
 mod consistency;
 mod error;
+mod event;
 mod fuse;
 mod geometric;
 mod mean;
@@ -41,7 +42,8 @@ mod surface;
 mod wide;
 
 pub use error::{BoxError, FuseError};
-pub use fuse::{FuseEvent, FuseJob, OnFuseEvent, fuse, fuse_to_cloud};
+pub use event::{FuseEvent, OnFuseEvent};
+pub use fuse::{FuseJob, fuse, fuse_to_cloud};
 pub use options::{Consistency, FuseOptions, OptionsError, PointSpacing};
 pub use points::FusedPoints;
 pub use report::{FuseReport, ViewReport};

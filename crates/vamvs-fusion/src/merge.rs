@@ -35,11 +35,11 @@ pub(crate) struct Merger<'a> {
     pub kept: &'a BitGrid,
     /// How much the depths of views that agree may differ, as a share.
     pub max_relative_depth: f32,
-    pub others: Vec<Other<'a>>,
+    pub others: Vec<RivalView<'a>>,
 }
 
 /// A view that may see the same places.
-pub(crate) struct Other<'a> {
+pub(crate) struct RivalView<'a> {
     pub pair: Pair<'a>,
     pub seen: &'a SeenView,
     pub ranking: Ranking,
@@ -100,7 +100,7 @@ impl Merger<'_> {
 
     /// The lanes in which another view may come before the reference view if it agrees: its depth is nearly the point's
     /// then, and that is quickly told. Views that agree are asked in one direction, most often.
-    fn may_come_first(&self, other: &Other<'_>, strip: &Strip) -> u64 {
+    fn may_come_first(&self, other: &RivalView<'_>, strip: &Strip) -> u64 {
         let mut inverse_depth = [0.0; LANES];
         inverse_depths_in_source(&other.pair, strip, &mut inverse_depth);
         let nearest = 1.0 + NEARER * self.max_relative_depth;
@@ -113,7 +113,7 @@ impl Merger<'_> {
     }
 
     /// The lanes among those `open` in which another view keeps the place and comes before the reference view.
-    fn taken(&self, other: &Other<'_>, strip: &Strip, answers: &Answers, open: u64) -> u64 {
+    fn taken(&self, other: &RivalView<'_>, strip: &Strip, answers: &Answers, open: u64) -> u64 {
         let width = other.seen.filtered.size().width;
         let mut agreeing = answers.agreeing() & open;
         let mut taken = 0;
@@ -150,7 +150,7 @@ impl Merger<'_> {
         points: &mut FusedPoints,
     ) {
         let mut mean = Mean::new(self.reference, pixel);
-        let agrees = |(_, answers): &(&Other<'_>, &Answers)| answers.error[lane] < 1.0;
+        let agrees = |(_, answers): &(&RivalView<'_>, &Answers)| answers.error[lane] < 1.0;
         let agreeing = || self.others.iter().zip(answers).filter(agrees);
         agreeing().for_each(|(other, answers)| mean.add(&other.pair, other.seen, answers, lane));
         let views = agreeing().map(|(other, _)| other.pair.source_view);

@@ -2,15 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How it is decided whether other views confirm a pixel.
+/// How it is decided whether other views confirm a pixel: [`FuseOptions::min_support`] or [`FuseOptions::min_views`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Consistency {
-    /// Votes that add up: the closer a view agrees, the larger the triangulation angle and the surer both views are, the
-    /// more its vote counts ([`FuseOptions::min_support`]).
+    /// Views vote: the closer a view agrees, the larger the triangulation angle and the more confident both views are, the
+    /// more its vote counts.
     #[default]
     Dynamic,
-    /// Views are counted ([`FuseOptions::min_views`]).
+    /// Views are counted: enough of them must agree within one threshold.
     Classic,
 }
 
@@ -28,7 +29,7 @@ pub enum PointSpacing {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct FuseOptions {
-    /// How it is decided whether other views confirm a pixel.
+    /// How it is decided whether other views confirm a pixel: [`FuseOptions::min_support`] or [`FuseOptions::min_views`].
     pub consistency: Consistency,
     /// How far a pixel may come back from itself by way of a source view's depth, pixels of the depth
     /// map.

@@ -1,8 +1,8 @@
 //! Where points go: to the sink, in the order in which they are made.
 
-use crate::fuse::{OnFuseEvent, Sink, tell};
+use crate::event::{FuseEvent, OnFuseEvent, Sink, tell};
 use crate::spacing::Thinner;
-use crate::{FuseError, FuseEvent, FusedPoints, ViewReport};
+use crate::{FuseError, FusedPoints, ViewReport};
 
 /// Hands points to the sink one batch after the other; while it takes one, the next is made.
 pub(crate) struct Outlet<'a, 's> {

@@ -57,13 +57,13 @@ impl Sum for ViewReport {
 impl ViewReport {
     /// What became of the pixels in words, each with its count, those that got farther later.
     #[must_use]
-    pub fn fates(&self) -> [(&'static str, u64); 7] {
+    pub fn outcomes(&self) -> [(&'static str, u64); 7] {
         [
             ("without depth", self.without_depth),
             ("masked", self.masked),
             ("not confident", self.unconfident),
             ("outside of the region of interest", self.outside_roi),
-            ("not confirmed by other views", self.inconsistent),
+            ("inconsistent with other views", self.inconsistent),
             ("merged into another view's point", self.merged),
             ("became a point", self.points),
         ]
@@ -94,7 +94,7 @@ impl fmt::Display for ViewReport {
         write!(
             f,
             "{} points from {} pixels ({} without depth, {} masked, {} not confident, {} outside of the \
-             region, {} not confirmed by other views, {} merged)",
+             region, {} inconsistent with other views, {} merged)",
             self.points,
             self.pixels,
             self.without_depth,

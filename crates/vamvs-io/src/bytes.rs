@@ -107,7 +107,7 @@ impl ByteReader {
         let count = self.u64(what)?;
         let most = (self.length - self.position) / entry_bytes;
         match usize::try_from(count) {
-            Ok(fitting) if count <= most => Ok(fitting),
+            Ok(entries) if count <= most => Ok(entries),
             _ => Err(self.malformed(
                 position,
                 format!("{what}: {count} are announced, the rest of the file holds {most} at most"),

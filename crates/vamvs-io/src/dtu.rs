@@ -2,16 +2,29 @@
 
 use std::path::Path;
 
-use vamvs_core::VoxelMask;
-
 use crate::mat::{self, Array};
 use crate::{IoError, Place};
+
+/// An observability mask: the voxels of a bounding box that the reference scan could see.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mask {
+    /// The bounding box's lower corner; the centre of voxel (0, 0, 0).
+    pub low: [f64; 3],
+    /// Its upper corner.
+    pub high: [f64; 3],
+    /// Side of a voxel, scene units.
+    pub side: f64,
+    /// Number of voxels along x, y, z.
+    pub size: [usize; 3],
+    /// Whether voxel (i, j, k) is in the mask, at `i + size[0] · (j + size[1] · k)`: MATLAB's order.
+    pub inside: Vec<bool>,
+}
 
 /// Reads an observability mask: `ObsMask`, the bounding box `BB` (2×3) and the side of a voxel `Res`.
 ///
 /// # Errors
 /// If the file cannot be read, an array is missing or has another shape, or a number makes no sense.
-pub fn read_mask(path: &Path) -> Result<VoxelMask, IoError> {
+pub fn read_mask(path: &Path) -> Result<Mask, IoError> {
     let [mask, corners, side] = mat::read(path, ["ObsMask", "BB", "Res"])?;
     let corners = of_shape(path, "BB", &corners, &[2, 3])?;
     let side = of_shape(path, "Res", &side, &[1, 1])?[0];
@@ -28,7 +41,7 @@ pub fn read_mask(path: &Path) -> Result<VoxelMask, IoError> {
         return Err(IoError::malformed(path, Place::Whole, problem));
     }
     let inside = mask.values.iter().map(|&value| value != 0.0).collect();
-    Ok(VoxelMask { low, high, side, size: [x, y, z], inside })
+    Ok(Mask { low, high, side, size: [x, y, z], inside })
 }
 
 /// Reads a ground plane: `P`, four numbers of which P · (x, y, z, 1) is positive above the ground.

@@ -22,7 +22,7 @@ pub enum Masks {
 impl Masks {
     /// The folder `masks` beside the folder of photographs, if there is one.
     #[must_use]
-    pub fn beside(images: &Path) -> Self {
+    pub fn next_to(images: &Path) -> Self {
         let folder = images.with_file_name("masks");
         if folder.is_dir() && folder != images { Self::Folder(folder) } else { Self::None }
     }
@@ -100,13 +100,13 @@ mod tests {
     fn a_folder_of_masks_beside_the_photographs_is_found() {
         let scene = tempfile::tempdir().unwrap();
         let images = scene.path().join("images");
-        assert_eq!(Masks::beside(&images), Masks::None);
+        assert_eq!(Masks::next_to(&images), Masks::None);
         let folder = scene.path().join("masks");
         std::fs::create_dir(&folder).unwrap();
-        assert_eq!(Masks::beside(&images), Masks::Folder(folder.clone()));
-        assert_eq!(Masks::beside(&folder), Masks::None);
+        assert_eq!(Masks::next_to(&images), Masks::Folder(folder.clone()));
+        assert_eq!(Masks::next_to(&folder), Masks::None);
         let path = grey(&folder, "a.png", &Grid::filled(Size::new(1, 1), 1));
-        assert_eq!(Masks::beside(&images).find("a.jpg"), Some(path.clone()));
+        assert_eq!(Masks::next_to(&images).find("a.jpg"), Some(path.clone()));
         let files = Masks::Files([("b.jpg".to_owned(), path.clone())].into());
         assert_eq!((files.find("a.jpg"), files.find("b.jpg")), (None, Some(path)));
     }

@@ -112,7 +112,7 @@ fn read_header(reader: &mut TextReader) -> Result<Option<Intrinsics>, IoError> {
 }
 
 fn read_camera(words: &mut WordReader) -> Result<NvmCamera, IoError> {
-    // Blanks in a name are written as quotation marks.
+    // Spaces in a name are written as quotation marks.
     let name = words.next_word()?.map(|word| word.replace('"', " "));
     let name = name.ok_or_else(|| words.malformed("image name: missing, the file ends here"))?;
     let [focal, w, x, y, z, c0, c1, c2, radial, _zero] = words.numbers("camera")?;

@@ -98,7 +98,7 @@ fn read_rows<const C: usize>(
     Ok(())
 }
 
-/// The header of a map: words between blanks and comments, and one blank before the pixels.
+/// The header of a map: words between whitespace and comments, and one space before the pixels.
 struct Header<'a> {
     path: &'a Path,
     file: BufReader<File>,
@@ -161,7 +161,7 @@ impl<'a> Header<'a> {
         Err(self.malformed(format!("pixels: {width}×{height} take {expected} bytes, found {found}")))
     }
 
-    /// The next word, without the one blank that ends it.
+    /// The next word, without the one space that ends it.
     fn word(&mut self, what: &str) -> Result<String, IoError> {
         let mut word = String::new();
         while let Some(byte) = self.byte()? {

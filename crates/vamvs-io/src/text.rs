@@ -103,7 +103,7 @@ impl<'a> Words<'a> {
         Ok(values)
     }
 
-    /// Everything that is left of the line, without surrounding blanks.
+    /// Everything that is left of the line, without surrounding whitespace.
     pub(crate) fn rest(&self) -> &'a str {
         self.rest.trim()
     }

@@ -7,10 +7,21 @@ use std::path::Path;
 use nalgebra::Matrix4;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use vamvs_core::{CropVolume, Similarity};
+use vamvs_core::Similarity;
 
 use crate::text::WordReader;
 use crate::{IoError, Place};
+
+/// A crop volume: a prism along an axis of the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Volume {
+    /// The prism's axis: 0 for x, 1 for y, 2 for z.
+    pub axis: usize,
+    /// Where the prism begins and ends along its axis.
+    pub span: [f64; 2],
+    /// Its outline in the other two axes, in their order.
+    pub outline: Vec<[f64; 2]>,
+}
 
 /// Open3D's file of a `SelectionPolygonVolume`.
 #[derive(Deserialize)]
@@ -32,7 +43,7 @@ struct AlignmentFile {
 ///
 /// # Errors
 /// If the file cannot be read or holds no such volume.
-pub fn read_volume(path: &Path) -> Result<CropVolume, IoError> {
+pub fn read_volume(path: &Path) -> Result<Volume, IoError> {
     let file: VolumeFile = read_json(path)?;
     let malformed = |problem: String| IoError::malformed(path, Place::Whole, problem);
     if file.class_name != "SelectionPolygonVolume" {
@@ -49,12 +60,12 @@ pub fn read_volume(path: &Path) -> Result<CropVolume, IoError> {
         let found = file.bounding_polygon.len();
         return Err(malformed(format!("bounding_polygon: expected at least 3 points, found {found}")));
     }
-    let beside: Vec<usize> = (0..3).filter(|&other| other != axis).collect();
-    let outline = file.bounding_polygon.iter().map(|point| [point[beside[0]], point[beside[1]]]).collect();
-    Ok(CropVolume { axis, span: [file.axis_min, file.axis_max], outline })
+    let others: Vec<usize> = (0..3).filter(|&other| other != axis).collect();
+    let outline = file.bounding_polygon.iter().map(|point| [point[others[0]], point[others[1]]]).collect();
+    Ok(Volume { axis, span: [file.axis_min, file.axis_max], outline })
 }
 
-/// Reads an alignment `truth_from_cloud`: a text file of 4×4 numbers row after row (`SCENE_trans.txt`), or a
+/// Reads an alignment `ground_truth_from_cloud`: a text file of 4×4 numbers row after row (`SCENE_trans.txt`), or a
 /// JSON file with 16 numbers column after column in `transformation`.
 ///
 /// # Errors

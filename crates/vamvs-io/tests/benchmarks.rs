@@ -26,8 +26,8 @@ fn masks_are_read_plain_and_compressed_among_other_variables() {
         let mask = dtu::read_mask(&save(folder.path(), "ObsMask1_10.mat", &mat_file(&variables))).unwrap();
         assert_eq!((mask.low, mask.high), ([-10.0, -20.0, 500.0], [90.5, 80.0, 700.0]));
         assert_eq!((mask.side, mask.size), (3.0, [2, 3, 2]));
-        assert!(mask.contains(&[-7.0, -20.0, 500.0]) && mask.contains(&[-10.0, -14.0, 503.0]));
-        assert_eq!(mask.inside.iter().filter(|inside| **inside).count(), 2);
+        let inside: Vec<usize> = (0..12).filter(|&voxel| mask.inside[voxel]).collect();
+        assert_eq!(inside, [1, 10]);
     }
 }
 
@@ -99,7 +99,6 @@ fn crop_volumes_are_read_along_their_axis() {
     let volume = tnt::read_volume(&save(folder.path(), "Barn.json", VOLUME.as_bytes())).unwrap();
     assert_eq!((volume.axis, volume.span), (1, [-1.25, 3.5]));
     assert_eq!(volume.outline, [[0.0, 9.0], [4.0, 9.0], [4.0, 2.0], [0.0, 2.0]]);
-    assert!(volume.contains(&[1.0, 3.0, 5.0]) && !volume.contains(&[1.0, 3.0, 1.0]));
     for (from, to, expected) in [
         ("\"Y\"", "\"W\"", "orthogonal_axis"),
         ("SelectionPolygonVolume", "PointCloud", "class_name"),
@@ -121,9 +120,9 @@ fn alignments_are_read_as_text_and_as_json() {
     for path in
         [save(folder.path(), "a.txt", text.as_bytes()), save(folder.path(), "a.json", json.as_bytes())]
     {
-        let truth_from_cloud = tnt::read_alignment(&path).unwrap();
-        assert!((truth_from_cloud.scale - 2.0).abs() < 1e-12);
-        let moved = truth_from_cloud.transform(&nalgebra::Vector3::new(1.0, 2.0, 3.0));
+        let ground_truth_from_cloud = tnt::read_alignment(&path).unwrap();
+        assert!((ground_truth_from_cloud.scale - 2.0).abs() < 1e-12);
+        let moved = ground_truth_from_cloud.transform(&nalgebra::Vector3::new(1.0, 2.0, 3.0));
         assert!((moved - nalgebra::Vector3::new(1.0, 8.0, 13.0)).norm() < 1e-12);
     }
     for (wrong, expected) in [

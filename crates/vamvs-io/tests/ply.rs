@@ -99,10 +99,10 @@ fn a_cloud_far_from_the_origin_keeps_its_digits() {
     assert_eq!(ply::read(&path).unwrap(), cloud);
     // A survey of 600 m in UTM coordinates, whose steps as floats would be half a metre.
     let survey = [point([691_000.0, 5_334_000.0, 500.0]), point([691_600.0, 5_334_600.0, 520.0])];
-    assert_eq!(ply::Coordinates::fitting(&survey), ply::Coordinates::Double);
+    assert_eq!(ply::Coordinates::for_points(&survey), ply::Coordinates::Double);
     let near = [point([90.0, 0.0, 0.0]), point([91.0, 0.0, 0.0])];
-    assert_eq!(ply::Coordinates::fitting(&near), ply::Coordinates::Float);
-    assert_eq!(ply::Coordinates::fitting(&[]), ply::Coordinates::Float);
+    assert_eq!(ply::Coordinates::for_points(&near), ply::Coordinates::Float);
+    assert_eq!(ply::Coordinates::for_points(&[]), ply::Coordinates::Float);
 }
 
 #[test]

@@ -11,52 +11,51 @@ pub struct PlaneMap {
     pub confidence: Tensor,
 }
 
-/// The depth that softmax(−costs) tells, and the probability of the two planes around it: the expectation over
-/// all planes, as in the paper, or over those within `window` of the likeliest, which does not mean two surfaces
-/// where one ends before the other.
+/// The soft-argmin of the costs, and the probability of the two planes next to it. The expectation is taken over all
+/// planes, as in the paper, or over those within `window` of the most probable one, which does not average two surfaces
+/// at an occlusion boundary.
 ///
 /// Costs (1, D, h, w).
 ///
 /// # Errors
 /// If memory runs out.
-pub fn expectation(costs: &Tensor, window: Option<usize>) -> Result<PlaneMap, TchError> {
+pub fn soft_argmin(costs: &Tensor, window: Option<usize>) -> Result<PlaneMap, TchError> {
     let probability = costs.f_select(0, 0)?.f_neg()?.f_softmax(0, Kind::Float)?; // (D, h, w)
     match window {
-        None => around(&probability),
+        None => expectation_and_confidence(&probability),
         Some(window) => {
-            let u = near_likeliest(&probability, window as i64)?;
-            Ok(PlaneMap { confidence: beside(&probability, &u)?, u })
+            let u = windowed_expectation(&probability, window as i64)?;
+            Ok(PlaneMap { confidence: probability_near(&probability, &u)?, u })
         }
     }
 }
 
-/// Costs of small cells (1, D, h, w) with those of cells twice as wide, (1, D, h/2, w/2), where they leave the depth
-/// open: p of theirs and 1 − p of the wide ones', p being the confidence that the small ones have.
+/// Costs at a fine stride (1, D, h, w), blended with those at twice the stride, (1, D, h/2, w/2), where the fine ones are
+/// not confident: p · fine + (1 − p) · wide, p being the confidence of the fine ones.
 ///
 /// # Errors
 /// If memory runs out.
-pub(crate) fn where_unsure(small: &Tensor, wide: &Tensor, window: Option<usize>) -> Result<Tensor, TchError> {
-    let (_, _, h, w) = small.size4()?;
-    let unsure = expectation(small, window)?.confidence.f_rsub_scalar(1.0)?;
-    small.f_lerp_tensor(&wide.f_upsample_bilinear2d([h, w], false, None, None)?, &unsure)
+pub(crate) fn where_unsure(fine: &Tensor, wide: &Tensor, window: Option<usize>) -> Result<Tensor, TchError> {
+    let (_, _, h, w) = fine.size4()?;
+    let unsure = soft_argmin(fine, window)?.confidence.f_rsub_scalar(1.0)?;
+    fine.f_lerp_tensor(&wide.f_upsample_bilinear2d([h, w], false, None, None)?, &unsure)
 }
 
-/// Expectation over dimension 0 in steps of that dimension, and the probability of the two entries
-/// around it: (D, …) → (…).
+/// The expected index over dimension 0, and the probability of the two entries next to it: (D, …) → (…).
 ///
 /// # Errors
 /// If memory runs out.
-pub fn around(probability: &Tensor) -> Result<PlaneMap, TchError> {
+pub fn expectation_and_confidence(probability: &Tensor) -> Result<PlaneMap, TchError> {
     let count = probability.size()[0];
     let mut shape = vec![1; probability.dim()];
     shape[0] = -1;
     let index = Tensor::f_arange(count, (Kind::Float, probability.device()))?.f_view(shape.as_slice())?;
     let u = probability.f_mul(&index)?.f_sum_dim_intlist([0].as_slice(), false, Kind::Float)?;
-    Ok(PlaneMap { confidence: beside(probability, &u)?, u })
+    Ok(PlaneMap { confidence: probability_near(probability, &u)?, u })
 }
 
-/// The expectation over the entries of dimension 0 within `window` of the likeliest: (D, …) → (…).
-fn near_likeliest(probability: &Tensor, window: i64) -> Result<Tensor, TchError> {
+/// The expected index over the entries of dimension 0 within `window` of the most probable one: (D, …) → (…).
+fn windowed_expectation(probability: &Tensor, window: i64) -> Result<Tensor, TchError> {
     let last = probability.size()[0] - 1;
     let likeliest = probability.f_detach()?.f_argmax(0, true)?;
     let mut mass = likeliest.f_zeros_like()?.f_to_kind(Kind::Float)?;
@@ -71,8 +70,8 @@ fn near_likeliest(probability: &Tensor, window: i64) -> Result<Tensor, TchError>
     moment.f_div(&mass)?.f_add(&likeliest)?.f_squeeze_dim(0)
 }
 
-/// The probability of the two entries of dimension 0 around `u`: (D, …), (…) → (…).
-fn beside(probability: &Tensor, u: &Tensor) -> Result<Tensor, TchError> {
+/// The probability of the two entries of dimension 0 next to `u`: (D, …), (…) → (…).
+fn probability_near(probability: &Tensor, u: &Tensor) -> Result<Tensor, TchError> {
     let count = probability.size()[0];
     let below = u.f_detach()?.f_floor()?.f_clamp(0.0, (count - 2).max(0) as f64)?.f_to_kind(Kind::Int64)?;
     let below = below.f_unsqueeze(0)?;
@@ -86,17 +85,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn small_cells_that_are_sure_decide_and_others_leave_it_to_wide_ones() {
+    fn confident_fine_costs_decide_and_others_leave_it_to_wide_ones() {
         let options = (Kind::Float, tch::Device::Cpu);
-        // In the left column the small cells are sure of plane 3, in the right one they know nothing of ten planes:
+        // In the left column the fine costs are sure of plane 3, in the right one they know nothing of ten planes:
         // the two likeliest have a fifth of the probability.
-        let small = Tensor::zeros([1, 10, 4, 2], options);
-        let _ = small.narrow(3, 0, 1).fill_(40.0);
-        let _ = small.narrow(3, 0, 1).narrow(1, 3, 1).fill_(0.0);
+        let fine = Tensor::zeros([1, 10, 4, 2], options);
+        let _ = fine.narrow(3, 0, 1).fill_(40.0);
+        let _ = fine.narrow(3, 0, 1).narrow(1, 3, 1).fill_(0.0);
         let wide = Tensor::full([1, 10, 2, 1], 40.0, options);
         let _ = wide.narrow(1, 7, 1).fill_(0.0);
-        let costs = where_unsure(&small, &wide, Some(2)).unwrap();
-        assert!(costs.narrow(3, 0, 1).allclose(&small.narrow(3, 0, 1), 1e-5, 1e-4, false));
+        let costs = where_unsure(&fine, &wide, Some(2)).unwrap();
+        assert!(costs.narrow(3, 0, 1).allclose(&fine.narrow(3, 0, 1), 1e-5, 1e-4, false));
         let right = costs.narrow(3, 1, 1);
         assert!((right.narrow(1, 7, 1).max().double_value(&[])).abs() < 1e-5);
         assert!((right.narrow(1, 2, 1) - 0.8 * 40.0).abs().max().double_value(&[]) < 1e-4);
@@ -106,7 +105,7 @@ mod tests {
     fn a_sharp_cost_gives_its_plane_with_full_confidence() {
         let costs = Tensor::full([1, 5, 1, 1], 50.0, (Kind::Float, tch::Device::Cpu));
         let _ = costs.narrow(1, 3, 1).fill_(0.0);
-        let map = expectation(&costs, None).unwrap();
+        let map = soft_argmin(&costs, None).unwrap();
         assert!((map.u.double_value(&[0, 0]) - 3.0).abs() < 1e-5);
         assert!((map.confidence.double_value(&[0, 0]) - 1.0).abs() < 1e-5);
     }
@@ -118,7 +117,7 @@ mod tests {
             for plane in low {
                 let _ = costs.narrow(1, plane, 1).fill_(0.0);
             }
-            expectation(&costs, None).unwrap()
+            soft_argmin(&costs, None).unwrap()
         };
         let (near, far) = (costs([2, 3]), costs([0, 6]));
         assert!((near.u.double_value(&[0, 0]) - 2.5).abs() < 1e-5);
@@ -132,7 +131,7 @@ mod tests {
         // Two thirds on planes 5 and 6, a third on plane 1.
         let probability = [0.0_f32, 1.0 / 3.0, 0.0, 0.0, 0.0, 0.4, 4.0 / 15.0];
         let costs = Tensor::from_slice(&probability).log().neg().view([1, 7, 1, 1]);
-        let (all, near) = (expectation(&costs, None).unwrap(), expectation(&costs, Some(2)).unwrap());
+        let (all, near) = (soft_argmin(&costs, None).unwrap(), soft_argmin(&costs, Some(2)).unwrap());
         assert!((all.u.double_value(&[0, 0]) - (1.0 / 3.0 + 2.0 + 1.6)).abs() < 1e-5);
         assert!((near.u.double_value(&[0, 0]) - 5.4).abs() < 1e-5);
         assert!((near.confidence.double_value(&[0, 0]) - 2.0 / 3.0).abs() < 1e-5);

@@ -10,7 +10,7 @@ use crate::correlate::{correlation, pooled};
 use crate::native::transfer::Transfer;
 use crate::native::{self, Level, in_memory};
 use crate::profile::{Profile, Stage};
-use crate::project::{Outside, PixelLattice, Projection, depth_of, sample};
+use crate::project::{Outside, PixelGrid, Projection, depth_of, sample};
 use crate::script::Mode;
 use crate::slabs::Slabs;
 use crate::{Aggregation, EncodedView, NetError, Network};
@@ -21,7 +21,7 @@ struct Sweep<'a> {
     reference: &'a EncodedView,
     sources: Vec<(&'a EncodedView, Projection)>,
     planes: &'a Planes,
-    lattice: PixelLattice,
+    pixel_grid: PixelGrid,
     /// Which of the views' coarse features are swept.
     level: usize,
     slab: usize,
@@ -56,7 +56,7 @@ pub struct Swept<'a> {
     pub sources: &'a [&'a EncodedView],
     /// The planes.
     pub planes: &'a Planes,
-    /// 0: features of the network's cells. 1: of cells twice as wide, where photographs were enlarged.
+    /// 0: features at the coarse stride. 1: at twice that stride, where photographs were enlarged.
     pub level: usize,
     /// Memory of a slab of warped features, or one plane if that is more, bytes.
     pub slab_bytes: usize,
@@ -104,14 +104,14 @@ impl<'a> Sweep<'a> {
     fn new(swept: &Swept<'a>) -> Result<Self, TchError> {
         let Swept { network, reference, sources, planes, level, slab_bytes } = *swept;
         let cell = reference.stride << level;
-        let lattice = PixelLattice::new(cell, (0, 0), 1, reference.size_at(cell));
+        let pixel_grid = PixelGrid::new(cell, (0, 0), 1, reference.size_at(cell));
         let sources = sources
             .iter()
-            .map(|source| Ok((*source, Projection::new(&lattice, reference, source, planes.range.near)?)))
+            .map(|source| Ok((*source, Projection::new(&pixel_grid, reference, source, planes.range.near)?)))
             .collect::<Result<_, TchError>>()?;
         let plane_bytes = reference.coarse[level].numel() * size_of::<f32>();
         let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
-        Ok(Self { network, reference, sources, planes, lattice, level, slab })
+        Ok(Self { network, reference, sources, planes, pixel_grid, level, slab })
     }
 
     /// The masks to weigh views by: `seen` if they are given and weigh anything, else the network's.
@@ -155,7 +155,7 @@ impl Sweep<'_> {
         let reference = self.features(self.reference);
         let swept = native::sweep::Swept {
             reference: Level::of(reference)?,
-            lattice: &self.lattice,
+            pixel_grid: &self.pixel_grid,
             depths: in_memory(&depths)?,
             groups: reference.size()[1] as usize / self.network.manifest().group,
         };

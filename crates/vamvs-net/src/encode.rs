@@ -35,17 +35,17 @@ pub struct EncodedView {
 }
 
 impl Network {
-    /// How many times larger than it is the network sees a photograph, for coarse cells of the width it wants.
+    /// The factor by which photographs are enlarged before the network sees them: feature stride / coarse stride.
     #[must_use]
     pub fn enlarge(&self) -> usize {
-        self.manifest().stride / self.manifest().cells
+        self.manifest().feature_stride / self.manifest().coarse_stride
     }
 
-    /// The flow iterations of the manifest, without those that are coarser than the coarse map's cells.
+    /// The flow iterations of the manifest, without those at a coarser resolution than the coarse map.
     #[must_use]
     pub fn iterations(&self) -> Vec<Iteration> {
-        let Manifest { cells, iterations, .. } = self.manifest();
-        iterations.iter().filter(|iteration| iteration.scale <= *cells).copied().collect()
+        let Manifest { coarse_stride, iterations, .. } = self.manifest();
+        iterations.iter().filter(|iteration| iteration.scale <= *coarse_stride).copied().collect()
     }
 
     /// Encodes a photograph of any size of at least 32×32 pixels.
@@ -81,7 +81,7 @@ impl Network {
             camera: photo.camera.resized(Size::new(size.width * enlarge, size.height * enlarge)),
             cam_from_world: photo.cam_from_world,
             padded: Size::new(width as usize, height as usize),
-            stride: self.manifest().stride,
+            stride: self.manifest().feature_stride,
             coarse,
             flow,
             photographs: photographs(&large)?,

@@ -2,30 +2,31 @@
 
 use std::num::NonZeroUsize;
 
+use crate::depth_completion::Completion;
 use serde::{Deserialize, Serialize};
 use tch::{TchError, Tensor};
-use vamvs_core::complete::Completion;
 use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Size};
 
-use crate::coarse::{PlaneMap, expectation, where_unsure};
+use crate::coarse::{PlaneMap, soft_argmin, where_unsure};
 use crate::cost_volume::{self, Costs, Swept};
 use crate::encode::COARSE_SCALE;
 use crate::manifest::check_iterations;
-use crate::point_flow::{FlowStage, enlarge};
+use crate::point_flow::{FlowStage, upsample_nearest};
+use crate::post_process::{completed, upsampled};
 use crate::profile::{Profile, Stage};
 use crate::project::depth_of;
-use crate::surfaces::{completed, enlarged};
+use crate::tensor_grid::to_grid;
 use crate::{EncodedView, Iteration, NetError, Network};
 
 /// How depth maps are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatorOptions {
-    /// The flow iterations, coarse to fine, none coarser than the network's cells; the last one's scale is the depth
+    /// The flow iterations, coarse to fine, none coarser than the coarse map; the last one's scale is the depth
     /// map's.
     pub iterations: Vec<Iteration>,
-    /// How maps at 1/8 are completed where images are blank; `None`: not at all.
+    /// How maps at 1/8 are completed where images are textureless; `None`: not at all.
     pub completion: Option<Completion>,
-    /// Deviation of colours on one surface, grey values, where a map is enlarged along the photograph's edges;
+    /// Deviation of colours on one surface, grey values, by which maps are upsampled (joint bilateral);
     /// `None`: to the nearest pixel.
     pub guide: Option<f32>,
     /// Memory of one slab of warped features in the plane sweep, bytes.
@@ -112,12 +113,13 @@ impl Estimator {
     pub fn new(network: Network, options: EstimatorOptions) -> Result<Self, NetError> {
         check_iterations(&options.iterations)
             .map_err(|problem| NetError::Request(format!("the list of iterations {problem}")))?;
-        let cells = network.manifest().cells;
+        let coarse_stride = network.manifest().coarse_stride;
         if let Some(Iteration { scale, .. }) =
-            options.iterations.iter().find(|iteration| iteration.scale > cells)
+            options.iterations.iter().find(|iteration| iteration.scale > coarse_stride)
         {
-            let problem =
-                format!("an iteration at 1/{scale} cannot refine a coarse map with cells of {cells} pixels");
+            let problem = format!(
+                "an iteration at 1/{scale} cannot refine a coarse map with a coarse stride of {coarse_stride}"
+            );
             return Err(NetError::Request(problem));
         }
         Ok(Self { network, options })
@@ -129,7 +131,7 @@ impl Estimator {
         &self.network
     }
 
-    /// The network, to set its mode or manifest; for other cells make another estimator.
+    /// The network, to set its mode or manifest; for another coarse stride make another estimator.
     pub fn network_mut(&mut self) -> &mut Network {
         &mut self.network
     }
@@ -151,7 +153,7 @@ impl Estimator {
     #[must_use]
     pub fn scales(&self) -> Vec<usize> {
         let iterations = self.iterations().into_iter().map(|iteration| iteration.scale);
-        let scales = [self.network.manifest().stride].into_iter().chain(iterations);
+        let scales = [self.network.manifest().feature_stride].into_iter().chain(iterations);
         let mut scales: Vec<usize> = scales.map(|scale| scale / self.network.enlarge()).collect();
         scales.dedup();
         scales
@@ -177,37 +179,38 @@ impl Estimator {
     /// between 0.9 and 1.3 of the peak.
     #[must_use]
     pub fn peak_bytes(&self, size: Size, views: usize, planes: usize) -> usize {
-        let (widths, value, enlarge) = (self.network.widths(), size_of::<f32>(), self.network.enlarge());
+        let (channels, value, enlarge) =
+            (self.network.channel_counts(), size_of::<f32>(), self.network.enlarge());
         let at = |stride: usize| size.width.div_ceil(stride) * size.height.div_ceil(stride) * enlarge.pow(2);
-        let (blocks, cells) = (at(COARSE_SCALE), at(self.network.manifest().stride));
-        let wide = if enlarge > 1 { blocks / 4 * widths.coarse } else { 0 };
-        let features = views * (blocks * (widths.features * value + PHOTOGRAPHS) + wide * value);
+        let (blocks, pixels) = (at(COARSE_SCALE), at(self.network.manifest().feature_stride));
+        let wide = if enlarge > 1 { blocks / 4 * channels.coarse } else { 0 };
+        let features = views * (blocks * (channels.features * value + PHOTOGRAPHS) + wide * value);
         let encoding = ENCODING * size.area() * enlarge.pow(2);
         let hypotheses = 2 * self.network.manifest().hypotheses + 1;
-        let points = self.options.strip_points.min(cells * hypotheses);
-        let flow = POINTS * points * widths.point * value;
-        WORKSPACE + features + encoding.max(self.coarse_bytes(cells, planes)).max(flow)
+        let points = self.options.strip_points.min(pixels * hypotheses);
+        let flow = POINTS * points * channels.point * value;
+        WORKSPACE + features + encoding.max(self.coarse_bytes(pixels, planes)).max(flow)
     }
 
-    /// What the coarse stage takes for a map of `cells`, bytes.
-    fn coarse_bytes(&self, cells: usize, planes: usize) -> usize {
-        let (widths, value) = (self.network.widths(), size_of::<f32>());
-        let volume = widths.volume * planes * cells * value;
+    /// What the coarse stage takes for a map of `pixels`, bytes.
+    fn coarse_bytes(&self, pixels: usize, planes: usize) -> usize {
+        let (channels, value) = (self.network.channel_counts(), size_of::<f32>());
+        let volume = channels.volume * planes * pixels * value;
         if self.network.manifest().aggregation.correlates() {
             return CORRELATIONS * volume;
         }
-        let plane = widths.coarse * cells * value;
+        let plane = channels.coarse * pixels * value;
         let slab = self.options.slab_bytes.clamp(plane, planes * plane);
         if !self.network.manifest().slabs {
             return (volume + SLABS_OF_WHOLE * slab).max(VOLUMES * volume);
         }
-        let waiting = (slab / plane).max(WAITING_PLANES) * widths.volume * cells * value;
-        let first_layers = widths.first_layers * planes * cells * value;
+        let waiting = (slab / plane).max(WAITING_PLANES) * channels.volume * pixels * value;
+        let first_layers = channels.first_layers * planes * pixels * value;
         (first_layers + SLABS * slab + WAITING * waiting).max(LAYERS * first_layers)
     }
 
     /// The depth map of `reference` by comparison with `sources` on `planes`, at the scale of the last
-    /// iteration (that of the coarse map's cells if there are none), with the camera of that size.
+    /// iteration (the coarse stride if there are none), with the camera of that size.
     ///
     /// # Errors
     /// If there are no sources, the module breaks its contract, or memory runs out.
@@ -296,7 +299,7 @@ impl Estimator {
         profile: &mut Profile,
     ) -> Result<PlaneMap, NetError> {
         let enlarged = match self.options.guide {
-            Some(colour) => Some(profile.time(Stage::Flow, || enlarged(before, stage, colour))?),
+            Some(colour) => Some(profile.time(Stage::Flow, || upsampled(before, stage, colour))?),
             None => None,
         };
         let refined = stage.refine(enlarged.as_ref().unwrap_or(before), profile)?;
@@ -306,7 +309,7 @@ impl Estimator {
         Ok(refined)
     }
 
-    /// A map at 1/8 with its blank surfaces completed, if that is asked for.
+    /// A map at 1/8 with its textureless surfaces completed, if that is asked for.
     pub(crate) fn completed(
         &self,
         map: PlaneMap,
@@ -320,8 +323,8 @@ impl Estimator {
         }
     }
 
-    /// The coarse map (sections 3.1 and 3.2). With cells of 4 pixels, costs are a mean of theirs, which count as much
-    /// as they are confident, and of those of cells of 8, which know better where photographs are blurred or cameras
+    /// The coarse map (sections 3.1 and 3.2). With a coarse stride of 4, costs are a mean of theirs, which count as much
+    /// as they are confident, and of those of a coarse stride of 8, which know better where photographs are blurred or cameras
     /// rough. For vis-var, `seen` are visibility masks (1, 1, h, w), one a source view, to be used instead of the
     /// network's own.
     ///
@@ -347,7 +350,7 @@ impl Estimator {
             let (wide, _) = costs_at(1, wide_masks.transpose()?)?;
             costs = where_unsure(&costs, &wide, network.manifest().window)?;
         }
-        let map = profile.time(Stage::Regularize, || expectation(&costs, network.manifest().window))?;
+        let map = profile.time(Stage::Regularize, || soft_argmin(&costs, network.manifest().window))?;
         Ok(Coarse { map, costs, visibility })
     }
 
@@ -401,7 +404,7 @@ impl Estimator {
             to_grid(&map.f_narrow(0, 0, size.height as i64)?.f_narrow(1, 0, size.width as i64)?)
         };
         let depth = depth_of(planes, &last.u)?.f_mul_scalar(planes.range.near)?;
-        let coarse_confidence = grid(&enlarge(&stages[0].confidence, padded)?)?;
+        let coarse_confidence = grid(&upsample_nearest(&stages[0].confidence, padded)?)?;
         let confidence = if stages.len() > 1 { grid(&last.confidence)? } else { coarse_confidence.clone() };
         let confidence = self.calibrated(confidence);
         let ratio = 1.0 / scale as f64;
@@ -418,14 +421,4 @@ impl Estimator {
 /// A mask (1, 1, h, w) at half its size.
 fn halved(mask: &Tensor) -> Result<Tensor, TchError> {
     mask.f_avg_pool2d([2, 2], [2, 2], [0, 0], false, true, None)
-}
-
-/// A map (h, w) in memory.
-///
-/// # Errors
-/// If `map` is not of two dimensions, or memory runs out.
-pub fn to_grid(map: &Tensor) -> Result<Grid<f32>, NetError> {
-    let (height, width) = map.size2()?;
-    let map = map.f_to_device(tch::Device::Cpu)?.f_contiguous()?.f_flatten(0, -1)?;
-    Ok(Grid::from_vec(Size::new(width as usize, height as usize), Vec::<f32>::try_from(map)?))
 }

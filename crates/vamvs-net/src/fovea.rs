@@ -8,10 +8,10 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Size};
 
 use crate::coarse::PlaneMap;
-use crate::estimator::to_grid;
-use crate::point_flow::enlarge;
+use crate::point_flow::upsample_nearest;
 use crate::profile::Profile;
 use crate::project::depth_of;
+use crate::tensor_grid::to_grid;
 use crate::{Coarse, EncodedView, Estimator, NetError};
 
 /// What a region grows by, to each side, for every scale above the last: a share of its size.
@@ -119,7 +119,7 @@ impl Estimator {
         let confidence = to_grid(&map.confidence)?;
         let is_last = self.iterations().last().is_none_or(|last| last.scale == scale);
         let confidence = if is_last { self.calibrated(confidence) } else { confidence };
-        let coarse = to_grid(&enlarge(coarse_confidence, reference.size_at(scale))?)?;
+        let coarse = to_grid(&upsample_nearest(coarse_confidence, reference.size_at(scale))?)?;
         Ok(DepthMap {
             camera: Pinhole { size, intrinsics: reference.intrinsics().scaled(ratio, ratio) },
             cam_from_world: reference.cam_from_world,

@@ -2,12 +2,11 @@
 
 use std::num::NonZeroUsize;
 
+use crate::depth_completion::Completion;
 use serde::{Deserialize, Serialize};
-use vamvs_core::MonotoneMap;
-use vamvs_core::complete::Completion;
 
 use crate::encode::COARSE_SCALE;
-use crate::{Aggregation, NetError};
+use crate::{Aggregation, MonotoneMap, NetError};
 
 /// The version of the contract between modules and this crate.
 pub const CONTRACT: u32 = 1;
@@ -39,13 +38,13 @@ pub struct Manifest {
     /// planes, as in the paper.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window: Option<usize>,
-    /// Width of the coarse map's cells, pixels of the photograph: 8 or 4; absent: 8, as in the paper. For 4 the network
-    /// sees the photograph enlarged.
-    #[serde(default = "paper_cells", skip_serializing_if = "is_paper_cells")]
-    pub cells: usize,
+    /// Stride of the coarse depth map, pixels of the photograph: 8 or 4; absent: 8, as in the paper. Where it is half of
+    /// `feature_stride`, the network sees the photograph enlarged twofold.
+    #[serde(alias = "cells", default = "paper_stride", skip_serializing_if = "is_paper_stride")]
+    pub coarse_stride: usize,
     /// Stride of the coarse features in the image that the network sees: 8 or 4; absent: 8, as in the paper.
-    #[serde(default = "paper_cells", skip_serializing_if = "is_paper_cells")]
-    pub stride: usize,
+    #[serde(alias = "stride", default = "paper_stride", skip_serializing_if = "is_paper_stride")]
+    pub feature_stride: usize,
     /// vis-corr: channels that are correlated together; every level of features has a multiple of it.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub group: usize,
@@ -53,10 +52,10 @@ pub struct Manifest {
     pub planes: usize,
     /// The flow iterations by default; those with larger pixels than the coarse map's are left out.
     pub iterations: Vec<Iteration>,
-    /// How maps at 1/8 are completed where images are blank; absent: not at all.
+    /// How maps at 1/8 are completed where images are textureless; absent: not at all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub completion: Option<Completion>,
-    /// Deviation of colours on one surface, grey values, by which maps are enlarged along the photograph's edges;
+    /// Deviation of colours on one surface, grey values, for joint bilateral upsampling;
     /// absent: to the nearest pixel.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub guide: Option<f32>,
@@ -74,12 +73,12 @@ pub struct Manifest {
     pub calibration: Option<MonotoneMap>,
 }
 
-fn paper_cells() -> usize {
+fn paper_stride() -> usize {
     COARSE_SCALE
 }
 
-fn is_paper_cells(cells: &usize) -> bool {
-    *cells == COARSE_SCALE
+fn is_paper_stride(coarse_stride: &usize) -> bool {
+    *coarse_stride == COARSE_SCALE
 }
 
 fn is_zero(count: &usize) -> bool {
@@ -117,7 +116,7 @@ impl Manifest {
                 manifest.neighbours, manifest.hypotheses
             )));
         }
-        check_cells(manifest.cells, manifest.stride)
+        check_strides(manifest.coarse_stride, manifest.feature_stride)
             .map_err(|problem| wrong(format!("is not to be used: {problem}")))?;
         if manifest.aggregation.correlates() && !(1..=256).contains(&manifest.group) {
             let group = manifest.group;
@@ -147,15 +146,15 @@ impl Manifest {
     }
 }
 
-/// Checks that the coarse map's cells are as wide as the stride of the coarse features, or half of it.
-pub(crate) fn check_cells(cells: usize, stride: usize) -> Result<(), String> {
-    match (cells, stride) {
+/// Checks that the coarse stride is the stride of the coarse features, or half of it.
+pub(crate) fn check_strides(coarse: usize, features: usize) -> Result<(), String> {
+    match (coarse, features) {
         (8, 8) | (4, 8 | 4) => Ok(()),
-        (_, 8) => Err(format!("cells of {cells} pixels are asked for: expected 8 or 4")),
-        (_, 4) => {
-            Err(format!("cells of {cells} pixels are asked for: expected 4, the network's coarse stride"))
-        }
-        _ => Err(format!("coarse features have a stride of {stride} pixels: expected 8 or 4")),
+        (_, 8) => Err(format!("a coarse stride of {coarse} is asked for: expected 8 or 4")),
+        (_, 4) => Err(format!(
+            "a coarse stride of {coarse} is asked for: expected 4, the stride of the network's features"
+        )),
+        _ => Err(format!("coarse features have a stride of {features} pixels: expected 8 or 4")),
     }
 }
 
@@ -203,9 +202,9 @@ mod tests {
             ("vis-max", "vis-min", "vis-min"),
             ("\"scores\":{}", "\"scores\":{},\"calibration\":[[0.5,0.5],[0.4,0.9]]", "x to grow"),
             ("\"planes\":96", "\"planes\":96,\"window\":65", "window of 65"),
-            ("\"planes\":96", "\"planes\":96,\"cells\":16", "cells of 16"),
-            ("\"planes\":96", "\"planes\":96,\"stride\":2", "stride of 2"),
-            ("\"planes\":96", "\"planes\":96,\"stride\":4", "the network's coarse stride"),
+            ("\"planes\":96", "\"planes\":96,\"coarse_stride\":16", "a coarse stride of 16"),
+            ("\"planes\":96", "\"planes\":96,\"feature_stride\":2", "stride of 2"),
+            ("\"planes\":96", "\"planes\":96,\"feature_stride\":4", "the stride of the network's features"),
             ("vis-max", "vis-corr", "groups of 0 channels"),
             ("\"planes\":96", "\"planes\":96,\"guide\":0", "guide of 0"),
             ("\"planes\":96", "\"planes\":96,\"flow_sources\":0", "nonzero"),

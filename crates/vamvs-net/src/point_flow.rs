@@ -1,21 +1,21 @@
 //! PointFlow (sections 3.3, 3.4): depth refined on a cloud of hypothesised points.
 //!
 //! At finer resolutions the neighbourhood keeps its span in the image: it is dilated by 8 / scale. A
-//! dilated window never leaves its residue class of pixels, so a map at 1/4 falls into 4, one at 1/2
-//! into 16 independent lattices, each of the size of the map at 1/8 and each refined by itself. No pixel
-//! is computed twice, and memory does not grow with the resolution. Large lattices are cut into strips
+//! dilated window never leaves its phase, a class of pixels with equal coordinates modulo the dilation, so a map at 1/4 falls into 4, one at 1/2
+//! into 16 independent phases, each of the size of the map at 1/8 and each refined by itself. No pixel
+//! is computed twice, and memory does not grow with the resolution. Large phases are cut into strips
 //! of rows that overlap by the network's receptive field.
 
 use tch::{Kind, TchError, Tensor};
 use vamvs_core::window_knn::WindowKnn;
 use vamvs_core::{Planes, Size};
 
-use crate::coarse::{PlaneMap, around};
+use crate::coarse::{PlaneMap, expectation_and_confidence};
 use crate::correlate::correlation;
 use crate::native::transfer::Transfer;
 use crate::native::{self, Level, fetch, in_memory, in_memory_mut};
 use crate::profile::{Profile, Stage};
-use crate::project::{Outside, PixelLattice, Projection, depth_of, sample};
+use crate::project::{Outside, PixelGrid, Projection, depth_of, sample};
 use crate::script::{CONTEXT_LEVEL, POSITION_CHANNELS};
 use crate::{EncodedView, Iteration, NetError, Network};
 
@@ -47,13 +47,13 @@ impl FlowStage<'_> {
     /// If the module breaks its contract or memory runs out.
     pub fn refine(&self, u: &Tensor, profile: &mut Profile) -> Result<PlaneMap, NetError> {
         let size = self.reference.size_at(self.iteration.scale);
-        let u = enlarge(u, size)?;
+        let u = upsample_nearest(u, size)?;
         let map = PlaneMap { u: u.f_zeros_like()?, confidence: u.f_zeros_like()? };
         let step = self.reference.stride / self.iteration.scale;
         for y in 0..step {
             for x in 0..step {
-                let part = |map: &Tensor| residue(map, x, y, step);
-                let refined = self.refine_lattice((x, y), &part(&u)?, profile)?;
+                let part = |map: &Tensor| dilation_phase(map, x, y, step);
+                let refined = self.refine_phase((x, y), &part(&u)?, profile)?;
                 part(&map.u)?.f_copy_(&refined.u)?;
                 part(&map.confidence)?.f_copy_(&refined.confidence)?;
             }
@@ -66,22 +66,22 @@ impl FlowStage<'_> {
     ///
     /// # Errors
     /// As [`FlowStage::refine`].
-    pub fn refine_lattice(
+    pub fn refine_phase(
         &self,
         (x, y): (usize, usize),
         u: &Tensor,
         profile: &mut Profile,
     ) -> Result<PlaneMap, NetError> {
         let scale = self.iteration.scale;
-        let lattice =
-            PixelLattice::new(scale, (x, y), self.reference.stride / scale, self.reference.size_at(scale));
-        let rows = lattice.y.len();
+        let pixel_grid =
+            PixelGrid::new(scale, (x, y), self.reference.stride / scale, self.reference.size_at(scale));
+        let rows = pixel_grid.y.len();
         let reach = self.network.manifest().flow_layers * WINDOW_RADIUS;
         let mut strips = Vec::new();
         for first in (0..rows).step_by(self.strip_rows) {
             let end = (first + self.strip_rows).min(rows);
             let (top, bottom) = (first.saturating_sub(reach), (end + reach).min(rows));
-            let strip = lattice.rows(top, bottom);
+            let strip = pixel_grid.rows(top, bottom);
             let map =
                 self.refine_strip(&strip, &u.f_narrow(0, top as i64, (bottom - top) as i64)?, profile)?;
             let inner = |map: &Tensor| map.f_narrow(0, (first - top) as i64, (end - first) as i64);
@@ -94,11 +94,11 @@ impl FlowStage<'_> {
     /// flows into the depth before: each iteration learns to improve on what it is given.
     fn refine_strip(
         &self,
-        lattice: &PixelLattice,
+        pixel_grid: &PixelGrid,
         u: &Tensor,
         profile: &mut Profile,
     ) -> Result<PlaneMap, NetError> {
-        let Size { width, height } = lattice.size();
+        let Size { width, height } = pixel_grid.size();
         let m = self.network.manifest().hypotheses as i64;
         let hypotheses = 2 * m + 1;
         let u = u.f_detach()?.f_contiguous()?.f_view([1, -1])?;
@@ -106,10 +106,10 @@ impl FlowStage<'_> {
             .f_mul_scalar(self.iteration.step)?
             .f_view([-1, 1])?;
         let depth = depth_of(self.planes, &u.f_add(&offsets)?)?; // (J, h·w), units of near
-        let points = self.points(lattice, &depth)?; // (3, P)
-        let features = profile.time(Stage::Fetch, || self.features(lattice, &depth, &points))?; // (1, C, P)
+        let points = self.points(pixel_grid, &depth)?; // (3, P)
+        let features = profile.time(Stage::Fetch, || self.features(pixel_grid, &depth, &points))?; // (1, C, P)
         let neighbours =
-            profile.time(Stage::Neighbours, || self.neighbours(&points, lattice.size(), hypotheses))?;
+            profile.time(Stage::Neighbours, || self.neighbours(&points, pixel_grid.size(), hypotheses))?;
         profile.time(Stage::Flow, || {
             let scores = self.network.flow(&features, &neighbours)?; // (1, P)
             let scores = scores.f_view([-1, hypotheses])?.f_tr()?; // (J, h·w)
@@ -122,8 +122,8 @@ impl FlowStage<'_> {
 
     /// The points in the reference camera's frame, centred and scaled by its depth range: (3, P), points
     /// in the order (y, x, hypothesis).
-    fn points(&self, lattice: &PixelLattice, depth: &Tensor) -> Result<Tensor, TchError> {
-        let rays = lattice.rays(&self.reference.camera, depth.device())?; // (1, 3, h·w)
+    fn points(&self, pixel_grid: &PixelGrid, depth: &Tensor) -> Result<Tensor, TchError> {
+        let rays = pixel_grid.rays(&self.reference.camera, depth.device())?; // (1, 3, h·w)
         let points = depth.f_unsqueeze(1)?.f_mul(&rays)?.f_permute([1, 2, 0])?; // (3, h·w, J)
         let ratio = self.planes.range.far / self.planes.range.near;
         let (centre, half) = (0.5 * (ratio + 1.0), 0.5 * (ratio - 1.0));
@@ -132,11 +132,11 @@ impl FlowStage<'_> {
     }
 
     /// Features of all points with their positions: (1, C'' + 24, P).
-    fn features(&self, lattice: &PixelLattice, depth: &Tensor, points: &Tensor) -> Result<Tensor, NetError> {
+    fn features(&self, pixel_grid: &PixelGrid, depth: &Tensor, points: &Tensor) -> Result<Tensor, NetError> {
         if native::serves(self.network, &self.reference.flow) {
-            return self.native_features(lattice, depth, points);
+            return self.native_features(pixel_grid, depth, points);
         }
-        let aggregated = self.fetch(lattice, depth)?; // (J, C'', h·w)
+        let aggregated = self.fetch(pixel_grid, depth)?; // (J, C'', h·w)
         let channels = aggregated.size()[1];
         let aggregated = aggregated.f_permute([1, 2, 0])?.f_reshape([channels, -1])?; // (C'', P)
         let position = points.f_repeat([POSITION_CHANNELS / 3, 1])?;
@@ -145,18 +145,18 @@ impl FlowStage<'_> {
 
     /// Fetches features afresh at the projections of the points and aggregates them over the views:
     /// (J, C'', h·w).
-    fn fetch(&self, lattice: &PixelLattice, depth: &Tensor) -> Result<Tensor, NetError> {
+    fn fetch(&self, pixel_grid: &PixelGrid, depth: &Tensor) -> Result<Tensor, NetError> {
         let aggregation = self.network.manifest().aggregation;
         let hypotheses = depth.size()[0];
         let device = depth.device();
-        let reference_grid = lattice.grid(self.reference, device)?;
+        let reference_grid = pixel_grid.grid(self.reference, device)?;
         let reference = fetch_levels(&self.reference.flow, &reference_grid, Outside::Border)?; // (1, C, h·w)
         let mut reducer = aggregation.reducer();
         if !aggregation.relates_pairs() && !aggregation.correlates() {
             reducer.add(&reference.f_expand([hypotheses, -1, -1], false)?, None)?;
         }
         for (index, source) in self.sources.iter().enumerate() {
-            let projection = Projection::new(lattice, self.reference, source, self.planes.range.near)?;
+            let projection = Projection::new(pixel_grid, self.reference, source, self.planes.range.near)?;
             let fetched = fetch_levels(&source.flow, &projection.grid(depth)?, Outside::Zero)?; // (J, C, h·w)
             if aggregation.relates_pairs() {
                 reducer.add(&self.network.relate_flow(&reference, &fetched)?, None)?;
@@ -192,11 +192,11 @@ impl FlowStage<'_> {
     /// As [`FlowStage::features`] by native kernels: the same, points row by row.
     fn native_features(
         &self,
-        lattice: &PixelLattice,
+        pixel_grid: &PixelGrid,
         depth: &Tensor,
         points: &Tensor,
     ) -> Result<Tensor, NetError> {
-        let (grid, group) = (lattice.grid(self.reference, depth.device())?, self.network.manifest().group);
+        let (grid, group) = (pixel_grid.grid(self.reference, depth.device())?, self.network.manifest().group);
         let reference = fetch_levels(&self.reference.flow, &grid, Outside::Border)?; // (1, C, h·w)
         let reference = reference.f_squeeze_dim(0)?.f_tr()?.f_contiguous()?; // (h·w, C)
         let masks = self.visibility[..self.sources.len()].iter();
@@ -205,8 +205,12 @@ impl FlowStage<'_> {
         let sources = self.sources.iter().zip(&masks).map(|(source, mask)| self.native_source(source, mask));
         let sources: Vec<_> = sources.collect::<Result<_, NetError>>()?;
         let depth = depth.f_contiguous()?;
-        let about =
-            fetch::Points { lattice, depths: in_memory(&depth)?, reference: in_memory(&reference)?, group };
+        let about = fetch::Points {
+            pixel_grid,
+            depths: in_memory(&depth)?,
+            reference: in_memory(&reference)?,
+            group,
+        };
         let correlated = reference.size()[1] / group as i64;
         let rows = Tensor::f_empty([points.size()[1], correlated], (Kind::Float, tch::Device::Cpu))?;
         fetch::correlations(&about, &sources, in_memory_mut(&rows)?, correlated as usize);
@@ -254,7 +258,7 @@ impl FlowStage<'_> {
         Ok(Tensor::f_cat(&[correlations, &context], 1)?)
     }
 
-    /// vis-var's mask at the lattice's pixels: (1, 1, h·w).
+    /// vis-var's mask at the grid's pixels: (1, 1, h·w).
     fn mask(&self, mask: &Tensor, reference_grid: &Tensor) -> Result<Tensor, TchError> {
         sample(mask, reference_grid, Outside::Border)?.f_flatten(2, 3)
     }
@@ -282,7 +286,7 @@ fn offset(scores: &Tensor) -> Result<PlaneMap, TchError> {
         let u = scores.f_select(0, 0)?;
         return Ok(PlaneMap { confidence: u.f_ones_like()?.f_detach()?, u });
     }
-    let flow = around(&scores.f_neg()?.f_softmax(0, Kind::Float)?)?;
+    let flow = expectation_and_confidence(&scores.f_neg()?.f_softmax(0, Kind::Float)?)?;
     Ok(PlaneMap { u: flow.u.f_sub_scalar((hypotheses / 2) as f64)?, ..flow })
 }
 
@@ -307,7 +311,7 @@ fn join(mut strips: Vec<PlaneMap>) -> Result<PlaneMap, NetError> {
 ///
 /// # Errors
 /// If `map` is not of two dimensions.
-pub fn residue(map: &Tensor, x: usize, y: usize, step: usize) -> Result<Tensor, TchError> {
+pub fn dilation_phase(map: &Tensor, x: usize, y: usize, step: usize) -> Result<Tensor, TchError> {
     map.f_slice(0, y as i64, None, step as i64)?.f_slice(1, x as i64, None, step as i64)
 }
 
@@ -315,7 +319,7 @@ pub fn residue(map: &Tensor, x: usize, y: usize, step: usize) -> Result<Tensor, 
 ///
 /// # Errors
 /// If memory runs out.
-pub fn enlarge(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
+pub fn upsample_nearest(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
     let target = [size.height as i64, size.width as i64];
     if map.size() == target {
         return Ok(map.shallow_clone());
@@ -327,9 +331,9 @@ pub fn enlarge(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
 mod tests {
     use super::*;
 
-    /// The claim of this module's header: lattices with plain windows are the map with dilated ones.
+    /// The claim of this module's header: phases with plain windows are the map with dilated ones.
     #[test]
-    fn neighbours_in_a_lattice_are_those_in_the_dilated_window() {
+    fn neighbours_in_a_dilation_phase_are_those_in_the_dilated_window() {
         const STEP: usize = 4;
         let (width, height, hypotheses, k) = (24, 16, 3, 16);
         let point = |x: usize, y: usize, j: usize| {
@@ -353,10 +357,10 @@ mod tests {
         for (x0, y0) in [(0, 0), (3, 1), (2, 3)] {
             let xs: Vec<usize> = (x0..width).step_by(STEP).collect();
             let ys: Vec<usize> = (y0..height).step_by(STEP).collect();
-            let lattice = cloud(&xs, &ys);
-            let mut plain = vec![0; lattice.len() * k];
+            let pixel_grid = cloud(&xs, &ys);
+            let mut plain = vec![0; pixel_grid.len() * k];
             WindowKnn { k, radius: WINDOW_RADIUS, dilation: 1 }.neighbours(
-                &lattice,
+                &pixel_grid,
                 xs.len(),
                 ys.len(),
                 hypotheses,
@@ -388,11 +392,11 @@ mod tests {
     }
 
     #[test]
-    fn residues_share_memory_and_cover_the_map_once() {
+    fn dilation_phases_share_memory_and_cover_the_map_once() {
         let map = Tensor::zeros([6, 10], (Kind::Float, tch::Device::Cpu));
         for y in 0..2 {
             for x in 0..2 {
-                let mut part = residue(&map, x, y, 2).unwrap();
+                let mut part = dilation_phase(&map, x, y, 2).unwrap();
                 assert_eq!(part.size(), [3, 5]);
                 let _ = part.g_add_scalar_(1.0);
             }

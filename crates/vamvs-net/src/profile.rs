@@ -9,13 +9,13 @@ pub enum Stage {
     Encode,
     /// Warping and aggregation of the cost volume.
     Sweep,
-    /// Cost-volume regularisation, coarse depth, and its completion where images are blank.
+    /// Cost-volume regularisation, coarse depth, and its completion where images are textureless.
     Regularize,
     /// Fetching and aggregation of point features.
     Fetch,
     /// Nearest neighbours.
     Neighbours,
-    /// Edge convolutions and flow, and the enlarging of maps along the photograph's edges.
+    /// Edge convolutions and flow, and joint bilateral upsampling.
     Flow,
 }
 

@@ -12,16 +12,16 @@ const OUTSIDE: f64 = -10.0;
 /// A distance small against the scene's, in units of the nearest depth, below which a point counts as behind a camera.
 pub(crate) const BEHIND: f64 = 1e-3;
 
-/// A lattice of pixels of the reference view, in full-resolution image coordinates.
+/// A regular grid of pixels of the reference view, in full-resolution image coordinates.
 #[derive(Clone, Debug)]
-pub struct PixelLattice {
+pub struct PixelGrid {
     /// Image x of each column's pixel centre.
     pub x: Vec<f64>,
     /// Image y of each row's pixel centre.
     pub y: Vec<f64>,
 }
 
-impl PixelLattice {
+impl PixelGrid {
     /// Pixels `first, first + step, …` below `end` of the image reduced by `scale`, along both axes.
     #[must_use]
     pub fn new(scale: usize, (x0, y0): (usize, usize), step: usize, end: Size) -> Self {
@@ -91,14 +91,14 @@ impl PixelLattice {
     }
 }
 
-/// The projection of a lattice's pixels into one source view, for any depths.
+/// The projection of a grid's pixels into one source view, for any depths.
 #[derive(Debug)]
 pub struct Projection {
     /// (1, 3, h·w)
     linear: Tensor,
     /// (1, 3, 1)
     offset: Tensor,
-    lattice: Size,
+    pixel_grid: Size,
     source: Size,
     /// A distance small against the scene's, below which a point counts as behind the camera.
     epsilon: f64,
@@ -110,7 +110,7 @@ impl Projection {
     /// # Errors
     /// If memory runs out.
     pub fn new(
-        lattice: &PixelLattice,
+        pixel_grid: &PixelGrid,
         reference: &EncodedView,
         source: &EncodedView,
         near: f64,
@@ -121,9 +121,9 @@ impl Projection {
         // Depths are told in units of `near`, so that single precision serves any scale.
         let offset = (transfer.offset / near).map(|value| value as f32);
         Ok(Self {
-            linear: lattice.mapped(&transfer.linear, device)?,
+            linear: pixel_grid.mapped(&transfer.linear, device)?,
             offset: Tensor::f_from_slice(offset.as_slice())?.f_view([1, 3, 1])?.f_to_device(device)?,
-            lattice: lattice.size(),
+            pixel_grid: pixel_grid.size(),
             source: source.padded,
             epsilon: BEHIND,
         })
@@ -145,7 +145,7 @@ impl Projection {
             unit.f_masked_fill(&behind, OUTSIDE)
         };
         let grid = Tensor::f_stack(&[axis(0, self.source.width)?, axis(1, self.source.height)?], -1)?;
-        grid.f_view([-1, self.lattice.height as i64, self.lattice.width as i64, 2])
+        grid.f_view([-1, self.pixel_grid.height as i64, self.pixel_grid.width as i64, 2])
     }
 }
 
@@ -214,12 +214,12 @@ mod tests {
         let (reference, source) = (view(Vector3::zeros()), view(Vector3::new(0.7, -0.2, 0.1)));
         let source_from_reference = source.cam_from_world.compose(&reference.cam_from_world.inverse());
         let transfer = PixelTransfer::new(&reference.camera, &source.camera, &source_from_reference);
-        let lattice = PixelLattice::new(8, (0, 0), 1, Size::new(40, 30));
-        let projection = Projection::new(&lattice, &reference, &source, 2.0).unwrap();
+        let pixel_grid = PixelGrid::new(8, (0, 0), 1, Size::new(40, 30));
+        let projection = Projection::new(&pixel_grid, &reference, &source, 2.0).unwrap();
         for depth in [2.0, 3.7, 11.0] {
             let grid = projection.grid(&Tensor::from_slice(&[(depth / 2.0) as f32]).view([1, 1])).unwrap();
             for (row, column) in [(0, 0), (29, 39), (13, 21)] {
-                let pixel = Vector2::new(lattice.x[column], lattice.y[row]);
+                let pixel = Vector2::new(pixel_grid.x[column], pixel_grid.y[row]);
                 let (expected, _) = transfer.project(&pixel, depth).unwrap();
                 let at = |axis: i64, side: f64| {
                     0.5 * side * (grid.double_value(&[0, row as i64, column as i64, axis]) + 1.0)
@@ -234,7 +234,7 @@ mod tests {
     fn sampling_at_the_own_pixels_gives_the_features_at_every_stride() {
         let mut reference = view(Vector3::zeros());
         reference.coarse = vec![Tensor::randn([1, 2, 30, 40], CPU)];
-        let grid = PixelLattice::new(8, (0, 0), 1, Size::new(40, 30)).grid(&reference, Device::Cpu).unwrap();
+        let grid = PixelGrid::new(8, (0, 0), 1, Size::new(40, 30)).grid(&reference, Device::Cpu).unwrap();
         assert!(sample(&reference.coarse[0], &grid, Outside::Zero).unwrap().allclose(
             &reference.coarse[0],
             1e-4,
@@ -251,8 +251,8 @@ mod tests {
     #[test]
     fn points_behind_the_source_are_outside() {
         let (reference, source) = (view(Vector3::zeros()), view(Vector3::new(0.0, 0.0, 4.0)));
-        let lattice = PixelLattice::new(8, (0, 0), 1, Size::new(40, 30));
-        let projection = Projection::new(&lattice, &reference, &source, 1.0).unwrap();
+        let pixel_grid = PixelGrid::new(8, (0, 0), 1, Size::new(40, 30));
+        let projection = Projection::new(&pixel_grid, &reference, &source, 1.0).unwrap();
         let grid = projection.grid(&Tensor::from_slice(&[2.0_f32]).view([1, 1])).unwrap();
         assert!(grid.max().double_value(&[]) < -5.0);
         let ones = Tensor::ones([1, 1, 30, 40], CPU);

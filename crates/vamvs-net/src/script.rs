@@ -8,7 +8,7 @@ use tch::{CModule, IValue, Kind, TchError, Tensor};
 use crate::correlate::{correlation, pooled};
 use crate::encode::COARSE_SCALE;
 use crate::error::Libtorch;
-use crate::manifest::check_cells;
+use crate::manifest::check_strides;
 use crate::slabs::Slabs;
 use crate::{Device, Manifest, NetError};
 
@@ -29,19 +29,19 @@ pub struct Network {
     mode: Mode,
     device: Device,
     name: String,
-    widths: Widths,
+    channel_counts: ChannelCounts,
 }
 
 /// How much a module gives, as it showed when it was loaded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Widths {
+pub(crate) struct ChannelCounts {
     /// Values of the features of 8×8 pixels of a photograph.
     pub features: usize,
     /// Channels of the coarse features.
     pub coarse: usize,
     /// Channels of the cost volume.
     pub volume: usize,
-    /// Values that the first layers keep of a cell and plane of a volume that is regularised slab by slab.
+    /// Values that the first layers keep of a pixel and plane of a volume that is regularised slab by slab.
     pub first_layers: usize,
     /// Channels of a point: fetched, related and its position.
     pub point: usize,
@@ -85,9 +85,15 @@ impl Network {
             source: Libtorch(source),
         })?;
         let manifest = Manifest::parse(&text, &name)?;
-        let mut network =
-            Self { module, manifest, mode: Mode::Evaluation, device, name, widths: Widths::default() };
-        network.widths = tch::no_grad(|| network.probe())?;
+        let mut network = Self {
+            module,
+            manifest,
+            mode: Mode::Evaluation,
+            device,
+            name,
+            channel_counts: ChannelCounts::default(),
+        };
+        network.channel_counts = tch::no_grad(|| network.probe())?;
         Ok(network)
     }
 
@@ -138,15 +144,15 @@ impl Network {
         Ok(())
     }
 
-    /// Uses the network with coarse cells of another width, 8 or 4 pixels of the photograph; the module stays as
-    /// it is. The confidence with other cells than the network's own is not calibrated.
+    /// Uses the network at another coarse stride, 8 or 4 pixels of the photograph; the module stays as
+    /// it is. The confidence at another coarse stride than the network's own is not calibrated.
     ///
     /// # Errors
     /// If the width is another one.
-    pub fn set_cells(&mut self, cells: usize) -> Result<(), NetError> {
-        check_cells(cells, self.manifest.stride).map_err(NetError::Request)?;
-        if cells != self.manifest.cells {
-            self.manifest.cells = cells;
+    pub fn set_coarse_stride(&mut self, coarse_stride: usize) -> Result<(), NetError> {
+        check_strides(coarse_stride, self.manifest.feature_stride).map_err(NetError::Request)?;
+        if coarse_stride != self.manifest.coarse_stride {
+            self.manifest.coarse_stride = coarse_stride;
             self.manifest.calibration = None;
         }
         Ok(())
@@ -167,13 +173,13 @@ impl Network {
     }
 
     /// How much the module gives.
-    pub(crate) fn widths(&self) -> Widths {
-        self.widths
+    pub(crate) fn channel_counts(&self) -> ChannelCounts {
+        self.channel_counts
     }
 
     /// Calls every method once on tiny inputs, so that a wrong module is told at once and not after an
     /// hour. Tells how much they give.
-    fn probe(&self) -> Result<Widths, NetError> {
+    fn probe(&self) -> Result<ChannelCounts, NetError> {
         let image = Tensor::f_rand([1, 3, 8 * SIDE, 8 * SIDE], (Kind::Float, self.device))?;
         let levels = self.encode_flow(&image)?;
         let coarse = match self.shared_level() {
@@ -185,13 +191,13 @@ impl Network {
         // Where one pyramid serves both stages its features are held once.
         let own = self.shared_level().is_none().then_some(&coarse);
         let features = levels.iter().chain(own).map(Tensor::numel).sum::<usize>() / (SIDE * SIDE) as usize;
-        Ok(Widths { features, coarse: coarse.size()[1] as usize, volume, first_layers, point })
+        Ok(ChannelCounts { features, coarse: coarse.size()[1] as usize, volume, first_layers, point })
     }
 
     /// Which of the three levels of `encode_flow` are the coarse features, if one pyramid serves both stages.
     pub(crate) fn shared_level(&self) -> Option<usize> {
-        let Manifest { aggregation, stride, .. } = self.manifest;
-        aggregation.correlates().then(|| usize::from(stride == COARSE_SCALE) + 1)
+        let Manifest { aggregation, feature_stride, .. } = self.manifest;
+        aggregation.correlates().then(|| usize::from(feature_stride == COARSE_SCALE) + 1)
     }
 
     /// The coarse stage on tiny features (1, C, h, w): the channels of its volume, and what the first layers keep of it.

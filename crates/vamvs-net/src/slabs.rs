@@ -51,7 +51,7 @@ impl<'a> Slabs<'a> {
         self.process(AT_ONCE)
     }
 
-    /// Values that the first layers give of a cell and plane, once they have given any.
+    /// Values that the first layers give of a pixel and plane, once they have given any.
     pub fn values(&self) -> usize {
         let places = |full: &Tensor| full.numel() / (full.size()[1] as usize).max(1);
         let (full, half) = (&self.full[0], &self.half[0]);

@@ -11,11 +11,11 @@ pub fn valid(depth: &Grid<f32>) -> Grid<Option<f32>> {
 
 /// |depth − true| / true where there are both, row after row.
 #[must_use]
-pub fn relative_errors(depth: &Grid<f32>, truth: &Grid<f32>) -> Grid<Option<f32>> {
-    let mut truth = truth.data().iter();
+pub fn relative_errors(depth: &Grid<f32>, ground_truth: &Grid<f32>) -> Grid<Option<f32>> {
+    let mut ground_truth = ground_truth.data().iter();
     depth.map(|&depth| {
-        let truth = *truth.next()?;
-        (is_valid(depth) && is_valid(truth)).then(|| (depth - truth).abs() / truth)
+        let ground_truth = *ground_truth.next()?;
+        (is_valid(depth) && is_valid(ground_truth)).then(|| (depth - ground_truth).abs() / ground_truth)
     })
 }
 

@@ -71,7 +71,7 @@ impl Row<'_> {
 impl Colour<'_> {
     /// The state of the pixel `offset` beside `(x, y)`, which must be of this colour; `None` outside or without plane.
     #[inline]
-    pub fn beside(&self, (x, y): (usize, usize), offset: (i32, i32)) -> Option<&State> {
+    pub fn neighbour(&self, (x, y): (usize, usize), offset: (i32, i32)) -> Option<&State> {
         let (x, y) = (x.wrapping_add_signed(offset.0 as isize), y.wrapping_add_signed(offset.1 as isize));
         let inside = x < self.size.width && y < self.size.height;
         let state = inside.then(|| &self.states[y * self.stride + x / 2])?;
@@ -154,7 +154,7 @@ mod tests {
                     let (nx, ny) = (x as i32 + dx, y as i32 + dy);
                     let inside = (0..5).contains(&nx) && (0..4).contains(&ny);
                     let expected = inside.then(|| place(nx as usize, ny as usize));
-                    assert_eq!(other.beside((x, y), (dx, dy)).map(|state| state.plane.w), expected);
+                    assert_eq!(other.neighbour((x, y), (dx, dy)).map(|state| state.plane.w), expected);
                 }
             });
         }

@@ -20,7 +20,7 @@ pub struct Refined {
     pub features: Grid<Features>,
 }
 
-/// What tells right depths from wrong ones.
+/// What tells inliers from outliers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Features {
     /// Mean correlation of the source views that match best, −1 to 1, before planes were smoothed; 0 without texture.

@@ -1,4 +1,4 @@
-//! The seed as planes: holes filled, slopes from neighbours, and enlarged along the edges of the photograph.
+//! The seed as planes: holes filled, slopes from neighbours, and joint bilateral upsampling.
 
 use rayon::prelude::*;
 use vamvs_core::depth_map::is_valid;

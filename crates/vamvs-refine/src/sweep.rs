@@ -70,7 +70,8 @@ pub(crate) fn sweep(
 fn propagate(pixel: &Pixel, other: Colour, place: (usize, usize), state: &mut State) {
     let mut found = [(f32::INFINITY, Plane::default()); DIRECTIONS.len()];
     for (found, direction) in found.iter_mut().zip(&DIRECTIONS) {
-        let neighbours = direction.iter().filter_map(|&offset| Some((other.beside(place, offset)?, offset)));
+        let neighbours =
+            direction.iter().filter_map(|&offset| Some((other.neighbour(place, offset)?, offset)));
         if let Some((state, (dx, dy))) = neighbours.min_by(|a, b| a.0.energy.total_cmp(&b.0.energy)) {
             *found = (state.energy, state.plane.seen_from(-dx as f32, -dy as f32));
         }

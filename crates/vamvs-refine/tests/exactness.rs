@@ -31,8 +31,9 @@ fn a_tilted_plane_is_met_to_a_twentieth_of_a_pixel_and_two_degrees() {
     let result = refined(&set);
     let errors = errors(&set, &result.map.depth, 8);
     let angles = result.normals.data().iter().zip(set.normals.data());
-    let angles =
-        angles.map(|(found, truth)| Vector3::from(*found).cast::<f64>().angle(truth).to_degrees()).collect();
+    let angles = angles
+        .map(|(found, ground_truth)| Vector3::from(*found).cast::<f64>().angle(ground_truth).to_degrees())
+        .collect();
     let (error, angle) = (median(errors.clone()), median(angles));
     println!("median {error:.4} px, {angle:.2}°, above a pixel {:.4}", share_above(&errors, 1.0));
     assert!(error < 0.05 && angle < 2.0);

@@ -20,7 +20,7 @@ fn tracing(criterion: &mut Criterion) {
     let bounces = bounces(&tracer, &camera, &pose);
     let mut group = criterion.benchmark_group("trace");
     group.sample_size(10).throughput(Throughput::Elements(SIZE.area() as u64));
-    group.bench_function("rays of a camera", |b| b.iter(|| tracer.truth(&camera, &pose)));
+    group.bench_function("rays of a camera", |b| b.iter(|| tracer.ground_truth(&camera, &pose)));
     group.throughput(Throughput::Elements(bounces.len() as u64));
     group.bench_function("bounced rays, one thread", |b| {
         b.iter(|| {
@@ -66,20 +66,20 @@ fn object(mesh: &Arc<Mesh>, place: Vector3<f64>, turn: f64) -> Object {
 
 /// From what each pixel shows, a ray in some direction of its hemisphere.
 fn bounces(tracer: &Tracer, camera: &Pinhole, pose: &Pose) -> Vec<(Vector3<f64>, Vector3<f64>)> {
-    let truth = tracer.truth(camera, pose);
+    let ground_truth = tracer.ground_truth(camera, pose);
     let world_from_cam = pose.inverse();
     let bounce = |index: usize| {
         let centre =
             nalgebra::Vector2::new((index % SIZE.width) as f64 + 0.5, (index / SIZE.width) as f64 + 0.5);
-        let depth = f64::from(truth.depth.data()[index]);
-        let normal = Vector3::from(truth.normal.data()[index]).cast::<f64>();
+        let depth = f64::from(ground_truth.depth.data()[index]);
+        let normal = Vector3::from(ground_truth.normal.data()[index]).cast::<f64>();
         let place = world_from_cam.transform(&(camera.intrinsics.ray(&centre) * depth)) + normal * 1e-5;
         let (height, turn) =
             ((index as f64 * 0.618_034).fract() * 2.0 - 1.0, TAU * (index as f64 * 0.754_878).fract());
         let around = (1.0 - height * height).sqrt();
         (place, normal * 1.001 + Vector3::new(around * turn.cos(), around * turn.sin(), height))
     };
-    (0..SIZE.area()).filter(|&index| truth.id.data()[index] > 0).map(bounce).collect()
+    (0..SIZE.area()).filter(|&index| ground_truth.id.data()[index] > 0).map(bounce).collect()
 }
 
 criterion_group!(benches, tracing);

@@ -73,7 +73,7 @@ pub fn develop(shots: &[Shot], effects: &Effects, random: &mut Pcg64) -> Vec<Gri
 /// The factor that makes the geometric mean of the surfaces' luminance mid-grey, less where that would
 /// burn out more than [`BURNT`] of them.
 fn exposure(shots: &[Shot]) -> f32 {
-    let pixels = shots.iter().flat_map(|shot| shot.radiance.data().iter().zip(shot.truth.id.data()));
+    let pixels = shots.iter().flat_map(|shot| shot.radiance.data().iter().zip(shot.ground_truth.id.data()));
     let surfaces = pixels.filter(|&(_, &id)| id > 0).map(|(light, _)| luminance(light));
     let mut lit: Vec<f32> = surfaces.filter(|&luminance| luminance > 0.0).collect();
     if lit.is_empty() {
@@ -185,18 +185,18 @@ fn encode(light: f32) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Truth;
+    use crate::GroundTruth;
     use crate::random::stream;
 
     const SIZE: Size = Size::new(64, 48);
 
     fn shot(radiance: impl FnMut(usize, usize) -> [f32; 3]) -> Shot {
-        let truth = Truth {
+        let ground_truth = GroundTruth {
             depth: Grid::filled(SIZE, 1.0),
             id: Grid::filled(SIZE, 1),
             normal: Grid::filled(SIZE, [0.0, 0.0, 1.0]),
         };
-        Shot { radiance: Grid::from_fn(SIZE, radiance), truth }
+        Shot { radiance: Grid::from_fn(SIZE, radiance), ground_truth }
     }
 
     fn developed(shots: &[Shot], effects: Effects) -> Vec<Grid<Rgb>> {
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn the_sky_does_not_tell_the_exposure() {
         let mut shot = shot(|x, _| if x < 32 { [0.5; 3] } else { [1e4; 3] });
-        shot.truth.id = Grid::from_fn(SIZE, |x, _| u16::from(x < 32));
+        shot.ground_truth.id = Grid::from_fn(SIZE, |x, _| u16::from(x < 32));
         let photo = developed(&[shot], Effects::NONE).remove(0);
         assert_eq!([photo[(0, 0)], photo[(63, 0)]], [[115; 3], [255; 3]]);
     }

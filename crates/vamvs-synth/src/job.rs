@@ -237,10 +237,10 @@ impl Views<'_> {
         let mut sheet = Sheet::default();
         let mut pairs = Vec::with_capacity(self.stations.len());
         for (view, (station, shot)) in self.stations.iter().zip(self.shots).enumerate() {
-            let (photograph, depth) = (&self.photographs[view], &shot.truth.depth);
+            let (photograph, depth) = (&self.photographs[view], &shot.ground_truth.depth);
             let visibility = self.visibility(view);
             folder.write_photograph(view, photograph, station, depth)?;
-            folder.write_truth(view, &shot.truth, normals)?;
+            folder.write_truth(view, &shot.ground_truth, normals)?;
             folder.write_visibility(view, &visibility)?;
             pairs.push(overlap::sources(view, self.stations, depth, &visibility));
             sheet.add(photograph, depth, &visibility);
@@ -253,7 +253,7 @@ impl Views<'_> {
     /// What becomes of a view's pixels in every view; of its own sees it all.
     fn visibility(&self, view: usize) -> Vec<Grid<Visibility>> {
         let Station { camera, cam_from_world } = &self.stations[view];
-        let depth = &self.shots[view].truth.depth;
+        let depth = &self.shots[view].ground_truth.depth;
         let tile = |(other, source): (usize, &Station)| {
             if other == view {
                 return depth.map(|&z| if is_valid(z) { Visibility::Visible } else { Visibility::None });

@@ -1,8 +1,8 @@
 //! Smooth random functions: value noise of the plane and of space.
 
-/// A random number in [0, 1) that belongs to the lattice point `cell`.
+/// A random number in [0, 1) that belongs to the grid point `cell`.
 #[must_use]
-pub fn lattice([x, y, z]: [i32; 3], seed: u32) -> f32 {
+pub fn grid_value([x, y, z]: [i32; 3], seed: u32) -> f32 {
     let mixed = (x as u32).wrapping_mul(0x9E37_79B1)
         ^ (y as u32).wrapping_mul(0x85EB_CA77).rotate_left(11)
         ^ (z as u32).wrapping_mul(0xC2B2_AE3D).rotate_left(22);
@@ -23,7 +23,7 @@ pub fn plane(x: [f32; 2], periods: [i32; 2], seed: u32) -> f32 {
     let weight = [0, 1].map(|i| smooth(x[i] - base[i] as f32));
     let wrapped = |axis: usize| [0, 1].map(|step| (base[axis] + step).rem_euclid(periods[axis]));
     let (xs, ys) = (wrapped(0), wrapped(1));
-    let row = |y| lerp(lattice([xs[0], y, 0], seed), lattice([xs[1], y, 0], seed), weight[0]);
+    let row = |y| lerp(grid_value([xs[0], y, 0], seed), grid_value([xs[1], y, 0], seed), weight[0]);
     2.0 * lerp(row(ys[0]), row(ys[1]), weight[1]) - 1.0
 }
 
@@ -32,7 +32,7 @@ pub fn plane(x: [f32; 2], periods: [i32; 2], seed: u32) -> f32 {
 pub fn space(x: [f32; 3], seed: u32) -> f32 {
     let base = x.map(|c| c.floor() as i32);
     let weight = [0, 1, 2].map(|i| smooth(x[i] - base[i] as f32));
-    let corner = |dx, dy, dz| lattice([base[0] + dx, base[1] + dy, base[2] + dz], seed);
+    let corner = |dx, dy, dz| grid_value([base[0] + dx, base[1] + dy, base[2] + dz], seed);
     let row = |dy, dz| lerp(corner(0, dy, dz), corner(1, dy, dz), weight[0]);
     let slice = |dz| lerp(row(0, dz), row(1, dz), weight[1]);
     2.0 * lerp(slice(0), slice(1), weight[2]) - 1.0
@@ -93,8 +93,9 @@ mod tests {
 
     #[test]
     fn lattice_numbers_are_spread_evenly() {
-        let mean =
-            |f: fn(f32) -> f32| (0..4096).map(|i| f(lattice([i % 16, i / 16, 3], 7))).sum::<f32>() / 4096.0;
+        let mean = |f: fn(f32) -> f32| {
+            (0..4096).map(|i| f(grid_value([i % 16, i / 16, 3], 7))).sum::<f32>() / 4096.0
+        };
         assert!((mean(|v| v) - 0.5).abs() < 0.02);
         assert!((mean(|v| (v - 0.5).powi(2)) - 1.0 / 12.0).abs() < 0.005);
     }

@@ -33,7 +33,7 @@ pub(crate) fn sources(
     sources
 }
 
-/// Pixels of a lattice and the surface points in the world that they show.
+/// Pixels of a grid and the surface points in the world that they show.
 fn surfaces(station: &Station, depth: &Grid<f32>) -> Vec<((usize, usize), Vector3<f64>)> {
     let world_from_cam = station.cam_from_world.inverse();
     let pixels = (0..depth.height()).step_by(STEP);

@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use vamvs_core::{Grid, Rgb, Size};
 
-use crate::noise::{Octaves, lattice, lerp, plane, smooth};
+use crate::noise::{Octaves, grid_value, lerp, plane, smooth};
 use crate::pixels::fill;
 
 /// The grain on everything.
@@ -125,7 +125,7 @@ impl Pattern {
     /// A random number in [0, 1) of a cell of a grid that repeats after `columns` and `rows`.
     fn shade(&self, cell: [f32; 2], [columns, rows]: [i32; 2], purpose: i32) -> f32 {
         let [x, y] = [cell[0].floor() as i32, cell[1].floor() as i32];
-        lattice([x.rem_euclid(columns), y.rem_euclid(rows), purpose], self.seed)
+        grid_value([x.rem_euclid(columns), y.rem_euclid(rows), purpose], self.seed)
     }
 
     fn count(&self) -> i32 {

@@ -5,59 +5,19 @@ use vamvs_core::{Pinhole, Pose};
 
 use crate::colour::luminance;
 use crate::denoise::denoised;
+use crate::ground_truth::Eye;
 use crate::path::{Cone, Paths, Seen};
+use crate::pixel::{Estimate, Pixel, PixelSurface};
 use crate::pixels::fill;
 use crate::sampler::Pattern;
 use crate::surface::Split;
 use crate::tracer::{RenderOptions, Shot, Tracer};
-use crate::truth::Eye;
 
 /// What one path covers of its pixel, at least: below that, textures would be sampled too sparsely.
 const LEAST_COVER: f64 = 0.5;
 
-/// The mean over the paths of a pixel.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Pixel {
-    /// Light straight from the sky.
-    pub background: Vector3<f32>,
-    /// Diffuse albedo of the first surface, 0 for the sky.
-    pub albedo: Vector3<f32>,
-    /// Diffusely reflected light by albedo.
-    pub diffuse: Estimate,
-    /// Specularly reflected light.
-    pub specular: Estimate,
-    /// What the paths meet first, if any meets a surface.
-    pub surface: Option<PixelSurface>,
-}
-
-/// The surface at a pixel.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PixelSurface {
-    /// Mean unit normal in the world.
-    pub normal: Vector3<f32>,
-    /// Where the pixel's central ray is at the mean distance, from the camera along the world's axes.
-    pub position: Vector3<f32>,
-    /// Distance there to the next pixel's ray.
-    pub spacing: f32,
-}
-
-/// A mean over paths.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Estimate {
-    pub mean: Vector3<f32>,
-    /// Variance of the mean's luminance.
-    pub variance: f32,
-}
-
-impl Pixel {
-    /// All light.
-    pub fn radiance(&self) -> Vector3<f32> {
-        self.background + self.albedo.component_mul(&self.diffuse.mean) + self.specular.mean
-    }
-}
-
 impl Tracer {
-    /// The photograph that `camera` takes at `cam_from_world`, and its truth. Equal seeds give equal
+    /// The photograph that `camera` takes at `cam_from_world`, and its ground truth. Equal seeds give equal
     /// photographs, whatever the number of threads.
     #[must_use]
     pub fn shoot(&self, camera: &Pinhole, cam_from_world: &Pose, options: &RenderOptions, seed: u64) -> Shot {
@@ -70,7 +30,7 @@ impl Tracer {
         let pixels = fill(camera.size, |x, y| exposure.pixel(x, y));
         let radiance =
             if options.denoise { denoised(&pixels) } else { pixels.map(|pixel| pixel.radiance().into()) };
-        Shot { radiance, truth: self.truth(camera, cam_from_world) }
+        Shot { radiance, ground_truth: self.ground_truth(camera, cam_from_world) }
     }
 
     fn paths(&self, max_bounces: usize) -> Paths<'_> {

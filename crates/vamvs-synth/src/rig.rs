@@ -18,7 +18,7 @@ use crate::{Focus, Tracer};
 pub enum Rig {
     /// Spread over a cap of a dome.
     Dome,
-    /// One after the other along an arc, held by hand.
+    /// One after the other along an arc, hand-held.
     Arc,
     /// In rows and columns, nearly in parallel.
     Grid,
@@ -93,7 +93,7 @@ const NEAREST: f64 = 0.3;
 /// Nothing at all is nearer than this share of it.
 const CLEARANCE: f64 = 0.08;
 /// Rays across the image by which a view is judged, in either direction.
-const LATTICE: usize = 9;
+const GRID: usize = 9;
 
 /// Places cameras; `None` if no place was found from which they see the focus.
 #[must_use]
@@ -301,20 +301,20 @@ fn is_clear(tracer: &Tracer, eye: &Vector3<f64>, reach: f64) -> bool {
 fn shows(tracer: &Tracer, station: &Station, distance: f64) -> bool {
     let world_from_cam = station.cam_from_world.inverse();
     let Size { width, height } = station.camera.size;
-    let share = |i: usize| (i as f64 + 0.5) / LATTICE as f64;
+    let share = |i: usize| (i as f64 + 0.5) / GRID as f64;
     let (mut seen, mut amid) = (0, 0);
-    for (i, j) in (0..LATTICE).flat_map(|i| (0..LATTICE).map(move |j| (i, j))) {
+    for (i, j) in (0..GRID).flat_map(|i| (0..GRID).map(move |j| (i, j))) {
         let pixel = Vector2::new(width as f64 * share(i), height as f64 * share(j));
         let direction = world_from_cam.rotation * station.camera.intrinsics.ray(&pixel);
         let Some(hit) = tracer.first_hit(&world_from_cam.translation, &direction) else { continue };
         if !hit.outside || hit.distance < NEAREST * distance {
             return false;
         }
-        let middle = i.abs_diff(LATTICE / 2).max(j.abs_diff(LATTICE / 2)) <= 1;
+        let middle = i.abs_diff(GRID / 2).max(j.abs_diff(GRID / 2)) <= 1;
         seen += 1;
         amid += usize::from(middle && (0.5..1.8).contains(&(hit.distance / distance)));
     }
-    seen * 5 >= 3 * LATTICE * LATTICE && amid >= 6
+    seen * 5 >= 3 * GRID * GRID && amid >= 6
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Where the files of a scene lie: MVSNet's layout, and the truth beside it.
+//! Where the files of a scene lie: MVSNet's layout, and the ground truth beside it.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use vamvs_core::{DepthRange, Grid, Rgb, Visibility, depth_map::is_valid};
 use vamvs_io::{IoError, atomic, image, mvsnet, pfm, visibility};
 
-use crate::{Station, SynthError, Truth};
+use crate::{GroundTruth, Station, SynthError};
 
 /// What a depth range has beyond the true depths, as a factor.
 const MARGIN: f64 = 1.05;
@@ -114,11 +114,16 @@ impl SceneFolder {
     }
 
     /// Writes what is true in a view.
-    pub(crate) fn write_truth(&self, view: usize, truth: &Truth, normals: bool) -> Result<(), SynthError> {
-        pfm::write(&self.depth(view), &truth.depth)?;
-        image::save_png_gray16(&self.objects(view), &truth.id)?;
+    pub(crate) fn write_truth(
+        &self,
+        view: usize,
+        ground_truth: &GroundTruth,
+        normals: bool,
+    ) -> Result<(), SynthError> {
+        pfm::write(&self.depth(view), &ground_truth.depth)?;
+        image::save_png_gray16(&self.objects(view), &ground_truth.id)?;
         if normals {
-            pfm::write_rgb(&self.normals(view), &truth.normal)?;
+            pfm::write_rgb(&self.normals(view), &ground_truth.normal)?;
         }
         Ok(())
     }

@@ -54,12 +54,12 @@ pub struct Shot {
     /// Linear radiance: red, green, blue.
     pub radiance: Grid<[f32; 3]>,
     /// What is at the pixels' centres.
-    pub truth: Truth,
+    pub ground_truth: GroundTruth,
 }
 
 /// What a view truly sees at its pixels' centres.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Truth {
+pub struct GroundTruth {
     /// Depth z in scene units; 0 without a surface.
     pub depth: Grid<f32>,
     /// Index in [`World::objects`] plus one; 0 without a surface.

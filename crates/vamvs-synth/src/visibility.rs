@@ -2,9 +2,9 @@
 
 use vamvs_core::{Grid, Pinhole, Pose, Visibility, depth_map::is_valid};
 
+use crate::ground_truth::Eye;
 use crate::pixels::fill;
 use crate::tracer::Tracer;
-use crate::truth::Eye;
 
 /// What is nearer than this share of the distance before a point touches it rather than hides it: room
 /// for the rounding of the depth.

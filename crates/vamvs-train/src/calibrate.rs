@@ -1,9 +1,9 @@
 //! What a network's confidence is worth: fitted to how often its depths are right.
 
-use vamvs_core::{DepthMap, MonotoneMap};
+use vamvs_core::DepthMap;
 use vamvs_eval::Reliability;
 use vamvs_eval::reliability::outcomes;
-use vamvs_net::{Estimator, Profile};
+use vamvs_net::{Estimator, MonotoneMap, Profile};
 
 use crate::sample::{Sample, whole};
 use crate::{Dataset, TrainError, Validation};
@@ -45,8 +45,8 @@ pub fn calibrate(
         let (scene, view) = references[index * references.len() / count];
         let sample = whole(&dataset.scenes[scene], view, options)?;
         let map = estimate(estimator, &sample)?;
-        let truth = sample.true_depths(map.scale_in(&sample.photos[0].camera));
-        let of_view = outcomes(&map.depth, &map.confidence, &truth);
+        let ground_truth = sample.true_depths(map.scale_in(&sample.photos[0].camera));
+        let of_view = outcomes(&map.depth, &map.confidence, &ground_truth);
         let set = if index % 2 == 0 { &mut fitted } else { &mut measured };
         set.extend(of_view);
     }

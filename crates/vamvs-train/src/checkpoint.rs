@@ -10,8 +10,7 @@ use vamvs_net::{Device, Network};
 
 use crate::TrainError;
 use crate::optimizer::Optimizer;
-use crate::options::TrainOptions;
-use crate::validate::Validation;
+use crate::options::{TrainOptions, Validation};
 
 /// Checkpoints that are kept.
 const KEPT: usize = 3;
@@ -33,7 +32,7 @@ pub struct State {
     pub scenes: Vec<String>,
     /// The scenes, by name, that it is measured with, and how.
     pub measured: (Vec<String>, Validation),
-    /// The best score so far (see [`crate::Scores::failures`]).
+    /// The best score so far (see [`crate::Scores::outliers`]).
     pub best: Option<f64>,
 }
 

@@ -80,7 +80,7 @@ impl Log {
         let mut page = Page::new("Training", &format!("{steps} steps"));
         let mut draw = |title: &str, curves: Vec<Curve>| page.chart(&chart(title, curves));
         draw("Loss of each stage, in its hypotheses' distance", self.losses());
-        draw("Failures: share of validation pixels off by more than 1 % of the depth", self.failures());
+        draw("Outlier rate: share of validation pixels with an error > 1 % of the depth", self.outliers());
         draw("Share of validation pixels within d", self.within());
         draw("Learning rate", vec![curve("learning rate", &self.steps, |r| Some(r.learning_rate))]);
         Ok(page.save(path)?)
@@ -94,9 +94,9 @@ impl Log {
         (0..stages).map(of_stage).collect()
     }
 
-    fn failures(&self) -> Vec<Curve> {
+    fn outliers(&self) -> Vec<Curve> {
         self.measured(|scores| {
-            scores.stages.iter().map(|stage| stage.overall.share(stage.overall.failures)).collect()
+            scores.stages.iter().map(|stage| stage.overall.share(stage.overall.outliers)).collect()
         })
     }
 

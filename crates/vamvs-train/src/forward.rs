@@ -1,7 +1,7 @@
 //! The network on a sample, stage by stage, with gradients.
 //!
-//! Fine maps are learnt from one lattice of pixels (see [`vamvs_net::point_flow`]): a pixel's depth
-//! depends on its own lattice alone, and the pixel of one lattice at 1/2 on one lattice at 1/4 and the
+//! Fine maps are learnt from one dilation phase of pixels (see [`vamvs_net::point_flow`]): a pixel's depth
+//! depends on its own dilation phase alone, and the pixel of one dilation phase at 1/2 on one dilation phase at 1/4 and the
 //! whole map at 1/8. So all iterations cost as much as one at 1/8, and their results are exactly those of
 //! the whole maps at these pixels.
 
@@ -11,7 +11,7 @@ use vamvs_net::{Estimator, Iteration, Profile};
 use crate::TrainError;
 use crate::sample::Sample;
 
-/// What a stage gives, with the truth at the same pixels.
+/// What a stage gives, with the ground truth at the same pixels.
 pub struct StageOutput {
     /// (h, w), plane coordinates.
     pub u: Tensor,
@@ -20,7 +20,7 @@ pub struct StageOutput {
     /// (h, w), the depth that the stage was given; `None` for the coarse stage.
     pub before: Option<Tensor>,
     /// (h, w), NaN where unknown.
-    pub truth: Tensor,
+    pub ground_truth: Tensor,
     /// The distance between its hypotheses, in plane distances (s).
     pub step: f64,
 }
@@ -29,7 +29,7 @@ pub struct StageOutput {
 pub struct Output {
     /// Coarse first.
     pub stages: Vec<StageOutput>,
-    /// vis-var: each source view's mask (h, w) in [0, 1] with its truth, where that is known.
+    /// vis-var: each source view's mask (h, w) in [0, 1] with its ground truth, where that is known.
     pub visibility: Vec<(Tensor, Tensor)>,
 }
 
@@ -61,11 +61,11 @@ pub fn forward(
     let coarse = || estimator.coarse(reference, &sources, &sample.planes, seen, profile);
     let coarse = if learning == Learning::Flow { tch::no_grad(coarse)? } else { coarse()? };
     let enlarge = network.enlarge();
-    let stride = network.manifest().stride;
-    let all = Lattice { enlarge, stride, scale: stride, first: (0, 0) };
+    let stride = network.manifest().feature_stride;
+    let all = DilationPhase { enlarge, stride, scale: stride, first: (0, 0) };
     let mut u = coarse.map.u.shallow_clone();
     let mut stages = vec![StageOutput {
-        truth: all.truth(sample, &u)?,
+        ground_truth: all.ground_truth(sample, &u)?,
         u: coarse.map.u,
         costs: Some(coarse.costs.f_squeeze_dim(0)?),
         before: None,
@@ -78,11 +78,12 @@ pub fn forward(
     };
     let finest = iterations.last().map_or(stride, |iteration| iteration.scale);
     for &iteration in &iterations {
-        let lattice = Lattice { enlarge, ..Lattice::of(stride, [iteration.scale, finest], sample.lattice) };
+        let phase =
+            DilationPhase { enlarge, ..DilationPhase::of(stride, [iteration.scale, finest], sample.phase) };
         let stage = estimator.flow_stage(reference, &sources, &sample.planes, &coarse.visibility, iteration);
-        let refined = stage.refine_lattice(lattice.first, &u, profile)?.u;
+        let refined = stage.refine_phase(phase.first, &u, profile)?.u;
         stages.push(StageOutput {
-            truth: lattice.truth(sample, &refined)?,
+            ground_truth: phase.ground_truth(sample, &refined)?,
             u: refined.shallow_clone(),
             costs: None,
             before: Some(u.detach()),
@@ -93,8 +94,8 @@ pub fn forward(
     let mut visibility = Vec::new();
     for (source, mask) in coarse.visibility.iter().enumerate() {
         let mask = mask.f_squeeze()?;
-        if let Some(truth) = sample.seen(source, &all.places(&mask)?, &mask)? {
-            visibility.push((mask, truth));
+        if let Some(ground_truth) = sample.seen(source, &all.places(&mask)?, &mask)? {
+            visibility.push((mask, ground_truth));
         }
     }
     Ok(Output { visibility, stages })
@@ -108,7 +109,7 @@ fn as_seen(iterations: &[Iteration], enlarge: usize, stride: usize) -> Vec<Itera
 
 /// Pixels of a map at 1/scale whose coordinates are ≡ `first` modulo stride / scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Lattice {
+struct DilationPhase {
     /// How many times larger the network sees the photograph.
     enlarge: usize,
     /// The stride of the coarse features.
@@ -117,8 +118,8 @@ struct Lattice {
     first: (usize, usize),
 }
 
-impl Lattice {
-    /// The lattice at `scale` that contains the parents of one lattice at the finest scale, which two
+impl DilationPhase {
+    /// The dilation phase at `scale` that contains the parents of one dilation phase at the finest scale, which two
     /// numbers in [0, 1) choose.
     fn of(stride: usize, [scale, finest]: [usize; 2], choice: [f64; 2]) -> Self {
         let chosen = choice.map(|share| (share * (stride / finest) as f64) as usize);
@@ -126,7 +127,7 @@ impl Lattice {
         Self { enlarge: 1, stride, scale, first: (x, y) }
     }
 
-    /// Coordinates in the photograph of the centres of `count` of the lattice's pixels along an axis.
+    /// Coordinates in the photograph of the centres of `count` of the dilation phase's pixels along an axis.
     fn centres(self, first: usize, count: i64) -> Vec<f64> {
         let (step, pixel) = (self.stride / self.scale, self.scale as f64 / self.enlarge as f64);
         (0..count as usize).map(|k| ((first + k * step) as f64 + 0.5) * pixel).collect()
@@ -138,10 +139,10 @@ impl Lattice {
     }
 
     /// The true plane coordinates at the pixels of a map.
-    fn truth(self, sample: &Sample, like: &Tensor) -> Result<Tensor, TrainError> {
+    fn ground_truth(self, sample: &Sample, like: &Tensor) -> Result<Tensor, TrainError> {
         let [xs, ys] = self.places(like)?;
-        let truth = sample.truth.coordinates(&xs, &ys, &sample.planes);
-        Ok(Tensor::f_from_slice(&truth)?.f_view_as(like)?.f_to_device(like.device())?)
+        let ground_truth = sample.ground_truth.coordinates(&xs, &ys, &sample.planes);
+        Ok(Tensor::f_from_slice(&ground_truth)?.f_view_as(like)?.f_to_device(like.device())?)
     }
 }
 
@@ -153,13 +154,13 @@ mod tests {
     fn lattices_of_all_scales_hold_the_parents_of_the_finest_pixels() {
         for choice in [[0.0, 0.0], [0.3, 0.6], [0.99, 0.5]] {
             for stride in [8, 4] {
-                let fine = Lattice::of(stride, [2, 2], choice);
+                let fine = DilationPhase::of(stride, [2, 2], choice);
                 for scale in [8, 4, 2].into_iter().filter(|scale| *scale <= stride) {
-                    let lattice = Lattice::of(stride, [scale, 2], choice);
+                    let phase = DilationPhase::of(stride, [scale, 2], choice);
                     let step = stride / scale;
                     for k in 0..3 {
                         let parent = (fine.first.0 + stride / 2 * k) * 2 / scale;
-                        assert_eq!(parent, lattice.first.0 + k * step, "column {k} at 1/{scale}");
+                        assert_eq!(parent, phase.first.0 + k * step, "column {k} at 1/{scale}");
                     }
                 }
             }
@@ -175,9 +176,15 @@ mod tests {
 
     #[test]
     fn centres_are_in_the_photographs_coordinates() {
-        let lattice = Lattice { enlarge: 1, stride: 8, scale: 2, first: (3, 0) };
-        assert_eq!(lattice.centres(3, 2), [7.0, 15.0]);
-        assert_eq!(Lattice { enlarge: 1, stride: 8, scale: 8, first: (0, 0) }.centres(0, 2), [4.0, 12.0]);
-        assert_eq!(Lattice { enlarge: 2, stride: 8, scale: 8, first: (0, 0) }.centres(0, 2), [2.0, 6.0]);
+        let phase = DilationPhase { enlarge: 1, stride: 8, scale: 2, first: (3, 0) };
+        assert_eq!(phase.centres(3, 2), [7.0, 15.0]);
+        assert_eq!(
+            DilationPhase { enlarge: 1, stride: 8, scale: 8, first: (0, 0) }.centres(0, 2),
+            [4.0, 12.0]
+        );
+        assert_eq!(
+            DilationPhase { enlarge: 2, stride: 8, scale: 8, first: (0, 0) }.centres(0, 2),
+            [2.0, 6.0]
+        );
     }
 }

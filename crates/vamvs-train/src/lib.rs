@@ -3,7 +3,7 @@
 //! A TorchScript module learns through the same geometry and the same stages that estimate depth
 //! ([`vamvs_net`]). In the order in which data flows: [`dataset`] finds scenes with true depth,
 //! [`sample`] draws one reference view with sources, cut, reduced and altered ([`augment`]), [`loader`]
-//! reads ahead, [`forward`] runs the stages, [`loss`] compares them with the [`truth`], [`optimizer`] and
+//! reads ahead, [`forward`] runs the stages, [`loss`] compares them with the [`ground_truth`], [`optimizer`] and
 //! [`schedule`] change the weights, [`checkpoint`] keeps everything that the next step depends on, and
 //! [`trainer`] goes round.
 //!
@@ -18,6 +18,7 @@ pub mod dataset;
 pub mod error;
 pub mod event;
 pub mod forward;
+pub mod ground_truth;
 pub mod loader;
 pub mod loss;
 pub mod optimizer;
@@ -26,13 +27,12 @@ pub mod sample;
 pub mod schedule;
 pub mod sheet;
 pub mod trainer;
-pub mod truth;
 pub mod validate;
 
 pub use calibrate::{Calibration, calibrate};
 pub use dataset::Dataset;
 pub use error::TrainError;
 pub use event::TrainEvent;
-pub use options::TrainOptions;
+pub use options::{TrainOptions, Validation};
 pub use trainer::{TrainJob, train, write_module};
-pub use validate::{Scores, Validation, validate};
+pub use validate::{Scores, validate};

@@ -18,7 +18,7 @@ pub struct Losses {
     pub visibility: f64,
 }
 
-/// Compares a network's output with the truth; `hypotheses` to each side of a point (m). What does not learn is
+/// Compares a network's output with the ground truth; `hypotheses` to each side of a point (m). What does not learn is
 /// compared, but not minimised.
 ///
 /// # Errors
@@ -39,15 +39,15 @@ pub fn losses(
         match &stage.costs {
             Some(_) if !coarse_learns => (),
             Some(costs) if options.cross_entropy > 0.0 => {
-                total.add(cross_entropy(costs, &stage.truth)?, options.cross_entropy)?;
+                total.add(cross_entropy(costs, &stage.ground_truth)?, options.cross_entropy)?;
                 total.add(near_loss(stage)?, 1.0)?;
             }
             _ => total.add(loss, 1.0)?,
         }
     }
     let mut masks = Sum::default();
-    for (mask, truth) in &output.visibility {
-        masks.add(mean_difference(mask, truth, None)?, 1.0 / output.visibility.len() as f64)?;
+    for (mask, ground_truth) in &output.visibility {
+        masks.add(mean_difference(mask, ground_truth, None)?, 1.0 / output.visibility.len() as f64)?;
     }
     let visibility = masks.0.as_ref().map_or(f64::NAN, value);
     if coarse_learns {
@@ -56,29 +56,29 @@ pub fn losses(
     Ok(Losses { total: total.0, stages, visibility })
 }
 
-/// Equation 8 for one stage: mean |u − u_gt| / s over pixels with a known truth; with `reach` > 0 those
+/// Equation 8 for one stage: mean |u − u_gt| / s over pixels with a known ground truth; with `reach` > 0 those
 /// only where the depth before is within it.
 fn stage_loss(stage: &StageOutput, reach: f64) -> Result<Option<Tensor>, TchError> {
     let within = match &stage.before {
-        Some(before) if reach > 0.0 => Some(before.f_sub(&stage.truth)?.f_abs()?.f_le(reach)?),
+        Some(before) if reach > 0.0 => Some(before.f_sub(&stage.ground_truth)?.f_abs()?.f_le(reach)?),
         _ => None,
     };
-    let loss = mean_difference(&stage.u, &stage.truth, within.as_ref())?;
+    let loss = mean_difference(&stage.u, &stage.ground_truth, within.as_ref())?;
     loss.map(|loss| loss.f_div_scalar(stage.step)).transpose()
 }
 
-/// Mean |u − u_gt| of the coarse stage over the pixels where it is off by less than `NEAR` planes.
+/// Mean |u − u_gt| of the coarse stage over the pixels where the error is less than `NEAR` planes.
 fn near_loss(stage: &StageOutput) -> Result<Option<Tensor>, TchError> {
-    let near = stage.u.f_detach()?.f_sub(&stage.truth)?.f_abs()?.f_le(NEAR)?;
-    mean_difference(&stage.u, &stage.truth, Some(&near))
+    let near = stage.u.f_detach()?.f_sub(&stage.ground_truth)?.f_abs()?.f_le(NEAR)?;
+    mean_difference(&stage.u, &stage.ground_truth, Some(&near))
 }
 
-/// Mean of −Σ t log p over pixels with a known truth inside the range, where t shares the pixel between the two
-/// planes around the true depth: costs (D, h, w), truth (h, w), NaN where unknown.
-fn cross_entropy(costs: &Tensor, truth: &Tensor) -> Result<Option<Tensor>, TchError> {
+/// Mean of −Σ t log p over pixels with a known ground truth inside the range, where t shares the pixel between the two
+/// planes around the true depth: costs (D, h, w), ground truth (h, w), NaN where unknown.
+fn cross_entropy(costs: &Tensor, ground_truth: &Tensor) -> Result<Option<Tensor>, TchError> {
     let last = costs.size()[0] - 1;
     // Comparisons with NaN are false.
-    let known = truth.f_ge(0.0)?.f_logical_and(&truth.f_le(last as f64)?)?;
+    let known = ground_truth.f_ge(0.0)?.f_logical_and(&ground_truth.f_le(last as f64)?)?;
     let count = known.f_sum(Kind::Int64)?.int64_value(&[]);
     if count == 0 {
         return Ok(None);
@@ -86,9 +86,9 @@ fn cross_entropy(costs: &Tensor, truth: &Tensor) -> Result<Option<Tensor>, TchEr
     let logs = costs.f_neg()?.f_log_softmax(0, Kind::Float)?.f_flatten(1, -1)?; // (D, P)
     let index = known.f_flatten(0, -1)?.f_nonzero()?.f_squeeze_dim(1)?;
     let logs = logs.f_index_select(1, &index)?;
-    let truth = truth.f_flatten(0, -1)?.f_index_select(0, &index)?.f_unsqueeze(0)?;
-    let below = truth.f_floor()?.f_clamp(0.0, (last - 1) as f64)?;
-    let above_share = truth.f_sub(&below)?;
+    let ground_truth = ground_truth.f_flatten(0, -1)?.f_index_select(0, &index)?.f_unsqueeze(0)?;
+    let below = ground_truth.f_floor()?.f_clamp(0.0, (last - 1) as f64)?;
+    let above_share = ground_truth.f_sub(&below)?;
     let below = below.f_to_kind(Kind::Int64)?;
     let (low, high) = (logs.f_gather(0, &below, false)?, logs.f_gather(0, &below.f_add_scalar(1)?, false)?);
     let mean = low.f_lerp_tensor(&high, &above_share)?;
@@ -133,10 +133,10 @@ impl Sum {
 mod tests {
     use super::*;
 
-    fn stage(u: &[f32], before: &[f32], truth: &[f32], step: f64) -> StageOutput {
+    fn stage(u: &[f32], before: &[f32], ground_truth: &[f32], step: f64) -> StageOutput {
         let row = |values: &[f32]| Tensor::from_slice(values).view([1, -1]);
         let before = (!before.is_empty()).then(|| row(before));
-        StageOutput { u: row(u), costs: None, before, truth: row(truth), step }
+        StageOutput { u: row(u), costs: None, before, ground_truth: row(ground_truth), step }
     }
 
     #[test]
@@ -185,8 +185,8 @@ mod tests {
         // (D, 1, 4): depths between two planes, on one, outside of the range, unknown.
         let probability = [[0.1_f32, 0.2, 0.5, 0.3], [0.3, 0.2, 0.3, 0.3], [0.6, 0.6, 0.2, 0.4]];
         let costs = Tensor::from_slice2(&probability).log().neg().view([3, 1, 4]);
-        let truth = Tensor::from_slice(&[1.25_f32, 2.0, 2.5, f32::NAN]).view([1, 4]);
-        let loss = value(&cross_entropy(&costs, &truth).unwrap().unwrap());
+        let ground_truth = Tensor::from_slice(&[1.25_f32, 2.0, 2.5, f32::NAN]).view([1, 4]);
+        let loss = value(&cross_entropy(&costs, &ground_truth).unwrap().unwrap());
         let expected = -(0.75 * 0.3_f64.ln() + 0.25 * 0.6_f64.ln() + 0.6_f64.ln()) / 2.0;
         assert!((loss - expected).abs() < 1e-6, "{loss} is not {expected}");
         let unknown = Tensor::full([1, 4], f64::NAN, (Kind::Float, tch::Device::Cpu));

@@ -65,7 +65,7 @@ pub struct LossOptions {
     /// reach of its hypotheses; 0: it learns everywhere.
     pub flow_reach: f64,
     /// Weight of the cross entropy of the coarse stage's planes; with it, coarse depths are corrected by
-    /// equation 8 only where they are off by less than two planes. 0: equation 8 alone, everywhere.
+    /// equation 8 only where the error is less than two planes. 0: equation 8 alone, everywhere.
     pub cross_entropy: f64,
 }
 
@@ -90,6 +90,7 @@ pub struct OptimizerOptions {
 /// How weights follow the gradient.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Rule {
     /// RMSProp with α = 0.9; weight decay is part of the gradient.
     RmsProp,
@@ -245,5 +246,27 @@ impl TrainOptions {
         between("learning-rate", self.optimizer.learning_rate, 1e-8, 1.0)?;
         between("weight-decay", self.optimizer.weight_decay, 0.0, 1.0)?;
         between("clip", self.optimizer.clip, 0.0, 1e6)
+    }
+}
+
+/// What is measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct Validation {
+    /// Views compared, the reference included; beyond five only those that share enough with it.
+    pub views: usize,
+    /// Longer side to which photographs are reduced, pixels.
+    pub max_size: usize,
+    /// Most planes.
+    pub max_planes: usize,
+    /// Reference views, spread evenly over the set.
+    pub references: usize,
+    /// Whether views are weighted by the true visibility instead of the network's (vis-var).
+    pub true_visibility: bool,
+}
+
+impl Default for Validation {
+    fn default() -> Self {
+        Self { views: 5, max_size: 512, max_planes: 96, references: 16, true_visibility: false }
     }
 }

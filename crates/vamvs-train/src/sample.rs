@@ -1,4 +1,4 @@
-//! One sample: a cut-out of a reference view with sources, its planes and its truth.
+//! One sample: a cut-out of a reference view with sources, its planes and its ground truth.
 
 use std::path::PathBuf;
 
@@ -18,9 +18,8 @@ use vamvs_net::{EncodedView, NetError, Network};
 use crate::TrainError;
 use crate::augment::{normal, retake};
 use crate::dataset::{Dataset, TrainingScene, TrainingView};
-use crate::options::SampleOptions;
-use crate::truth::Truth;
-use crate::validate::Validation;
+use crate::ground_truth::GroundTruth;
+use crate::options::{SampleOptions, Validation};
 
 /// How much larger than the reference's the cut-outs of source views are.
 const SOURCE_MARGIN: f64 = 1.2;
@@ -41,10 +40,10 @@ pub struct Sample {
     pub photos: Vec<Photo>,
     /// The planes.
     pub planes: Planes,
-    /// The reference's truth.
-    pub truth: Truth,
+    /// The reference's ground truth.
+    pub ground_truth: GroundTruth,
     /// Two random numbers in [0, 1) for the forward pass: which pixels of fine maps it learns from.
-    pub lattice: [f64; 2],
+    pub phase: [f64; 2],
     /// Whether views are weighted by the true visibility instead of the network's (vis-var, table 2).
     pub true_visibility: bool,
 }
@@ -63,7 +62,7 @@ impl Sample {
     pub fn true_depths(&self, scale: usize) -> Grid<f32> {
         let size = self.photos[0].camera.size;
         let (xs, ys) = (centres(size.width, scale), centres(size.height, scale));
-        let at = |x: usize, y: usize| self.truth.depth_at([xs[x], ys[y]]).unwrap_or(0.0) as f32;
+        let at = |x: usize, y: usize| self.ground_truth.depth_at([xs[x], ys[y]]).unwrap_or(0.0) as f32;
         Grid::from_fn(Size::new(xs.len(), ys.len()), at)
     }
 
@@ -84,7 +83,7 @@ impl Sample {
             Visibility::Visible => 1.0,
             _ => 0.0,
         };
-        let Some(seen) = self.truth.seen(source, xs, ys) else { return Ok(None) };
+        let Some(seen) = self.ground_truth.seen(source, xs, ys) else { return Ok(None) };
         let values: Vec<f32> = seen.into_iter().map(value).collect();
         Ok(Some(Tensor::f_from_slice(&values)?.f_view_as(like)?.f_to_device(like.device())?))
     }
@@ -105,8 +104,8 @@ impl Sample {
         let size = reference.size_at(reference.stride);
         let shape = [1, 1, size.height as i64, size.width as i64];
         let like = Tensor::f_zeros(shape, (Kind::Float, network.device()))?;
-        let cell = network.manifest().cells;
-        let places = [size.width, size.height].map(|cells| centres(cells * cell, cell));
+        let stride = network.manifest().coarse_stride;
+        let places = [size.width, size.height].map(|pixels| centres(pixels * stride, stride));
         let mask = |source| match self.seen(source, &places, &like)? {
             Some(mask) => Ok(mask.f_nan_to_num(1.0, None, None)?),
             None => Err(TrainError::option("true-visibility", "scenes with visibility/", &"one without")),
@@ -145,9 +144,9 @@ pub fn draw(
         photos.push(photo);
     }
     let planes = planes(&depth, &photos, options, &scene.views[reference], &mut rng)?;
-    let truth = truth(scene, reference, depth, &sources, &cut)?;
-    let lattice = [rng.random(), rng.random()];
-    Ok(Sample { photos, planes, truth, lattice, true_visibility: options.true_visibility })
+    let ground_truth = ground_truth(scene, reference, depth, &sources, &cut)?;
+    let phase = [rng.random(), rng.random()];
+    Ok(Sample { photos, planes, ground_truth, phase, true_visibility: options.true_visibility })
 }
 
 /// A random view that has sources and true depths, with these.
@@ -224,14 +223,14 @@ impl Cut {
     }
 }
 
-/// A random place of the reference at a random scale, where enough truth is known, or else some of it.
+/// A random place of the reference at a random scale, where enough ground truth is known, or else some of it.
 fn cut_reference(view: &TrainingView, depth: &Grid<f32>, options: &SampleOptions, rng: &mut impl Rng) -> Cut {
     let image = view.camera.size;
-    let fitting = (0..2)
+    let largest = (0..2)
         .map(|axis| [image.width, image.height][axis] as f64 / options.crop[axis] as f64)
         .fold(f64::INFINITY, f64::min);
     // A crop larger than the image takes the whole of it, enlarged.
-    let most = fitting.min(1.0 / options.min_scale);
+    let most = largest.min(1.0 / options.min_scale);
     let step = if most > 1.0 { rng.random_range(1.0..=most) } else { most };
     let extent = options.crop.map(|side| side as f64 * step);
     let size = Size::new(options.crop[0], options.crop[1]);
@@ -264,7 +263,7 @@ fn stored_step(view: &TrainingView, depth: &Grid<f32>) -> [f64; 2] {
     [stored.width as f64 / image.width as f64, stored.height as f64 / image.height as f64]
 }
 
-/// Places in the middles of a lattice of cells over a cut-out, in the photograph's coordinates, and their
+/// Places in the middles of a grid of cells over a cut-out, in the photograph's coordinates, and their
 /// true depths.
 fn probes<'a>(
     cut: &'a Cut,
@@ -333,7 +332,7 @@ fn misplace(intrinsics: &mut Intrinsics, deviation: f64, rng: &mut impl Rng) {
     intrinsics.cy += deviation * normal(rng);
 }
 
-/// Planes as a run would choose them for a range that is not quite the truth's.
+/// Planes as a run would choose them for a range that is not quite the ground truth's.
 fn planes(
     depth: &Grid<f32>,
     photos: &[Photo],
@@ -346,10 +345,10 @@ fn planes(
     let [near, far] = [range.near * jitter(-1.0, 0.1), range.far * jitter(-0.1, 1.0)];
     let range = DepthRange::try_new(near, far).unwrap_or(range);
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
-    let fitting = Planes::fitting(range, cameras[0], &cameras[1..], options.max_planes);
-    let count = (fitting.count as f64 * rng.random_range(0.7..=1.3)) as usize;
+    let planes_for_views = Planes::for_views(range, cameras[0], &cameras[1..], options.max_planes);
+    let count = (planes_for_views.count as f64 * rng.random_range(0.7..=1.3)) as usize;
     let count = count.next_multiple_of(8).clamp(8, options.max_planes);
-    let spacing = match (fitting.spacing, rng.random_bool(OTHER_SPACING)) {
+    let spacing = match (planes_for_views.spacing, rng.random_bool(OTHER_SPACING)) {
         (Spacing::Depth, false) | (Spacing::InverseDepth, true) => Spacing::Depth,
         (Spacing::Depth, true) | (Spacing::InverseDepth, false) => Spacing::InverseDepth,
     };
@@ -376,13 +375,13 @@ fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, Trai
     range.ok_or_else(|| no_truth(view.depth.clone(), "found none"))
 }
 
-fn truth(
+fn ground_truth(
     scene: &TrainingScene,
     reference: usize,
     depth: Grid<f32>,
     sources: &[usize],
     cut: &Cut,
-) -> Result<Truth, TrainError> {
+) -> Result<GroundTruth, TrainError> {
     let view = &scene.views[reference];
     let step = stored_step(view, &depth);
     let visibility = match &view.visibility {
@@ -393,7 +392,7 @@ fn truth(
         None => Vec::new(),
     };
     let [sx, sy] = cut.scale();
-    Ok(Truth {
+    Ok(GroundTruth {
         depth,
         visibility,
         origin: [cut.part.x0 as f64 * step[0], cut.part.y0 as f64 * step[1]],
@@ -402,7 +401,7 @@ fn truth(
 }
 
 /// A reference view as a run would see it: with its best sources, whole, unaltered, on planes for a range
-/// a tenth wider than the truth's.
+/// a tenth wider than the ground truth's.
 ///
 /// # Errors
 /// As [`draw`].
@@ -427,8 +426,8 @@ pub fn whole(scene: &TrainingScene, reference: usize, options: &Validation) -> R
     let range = true_range(&depth, view)?;
     let range = DepthRange { near: range.near / WIDER, far: range.far * WIDER };
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
-    let planes = Planes::fitting(range, cameras[0], &cameras[1..], options.max_planes);
-    let truth = truth(scene, reference, depth, &sources, &cut(view))?;
+    let planes = Planes::for_views(range, cameras[0], &cameras[1..], options.max_planes);
+    let ground_truth = ground_truth(scene, reference, depth, &sources, &cut(view))?;
     let true_visibility = options.true_visibility;
-    Ok(Sample { photos, planes, truth, lattice: [0.0; 2], true_visibility })
+    Ok(Sample { photos, planes, ground_truth, phase: [0.0; 2], true_visibility })
 }

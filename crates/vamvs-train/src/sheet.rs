@@ -1,4 +1,4 @@
-//! A picture of depth maps against their truth.
+//! A picture of depth maps against their ground truth.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ const WIDTH: usize = 192;
 /// Relative error that is drawn as the worst.
 const WORST: f32 = 0.04;
 
-/// One row a reference view: photograph, truth, coarse depth, final depth, error.
+/// One row a reference view: photograph, ground truth, coarse depth, final depth, error.
 #[derive(Default)]
 pub struct Sheet {
     rows: Vec<Grid<Rgb>>,
@@ -30,14 +30,14 @@ impl Sheet {
             return;
         }
         let (Some(coarse), Some(last)) = (example.stages.first(), example.stages.last()) else { return };
-        let truth = valid(&example.truth);
-        let (low, high) = spread(&truth);
+        let ground_truth = valid(&example.ground_truth);
+        let (low, high) = spread(&ground_truth);
         let depth = |map: &Grid<f32>| Scale::Turbo.paint(&valid(map), low, high);
-        let last = cropped(last, example.truth.size());
-        let errors = relative_errors(&last, &example.truth);
+        let last = cropped(last, example.ground_truth.size());
+        let errors = relative_errors(&last, &example.ground_truth);
         let pictures = [
             example.photo.image.clone(),
-            Scale::Turbo.paint(&truth, low, high),
+            Scale::Turbo.paint(&ground_truth, low, high),
             depth(coarse),
             depth(&last),
             Scale::Error.paint(&errors, 0.0, WORST),

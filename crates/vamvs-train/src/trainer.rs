@@ -15,9 +15,9 @@ use crate::forward::{Learning, forward};
 use crate::loader::Loader;
 use crate::loss::{Losses, losses};
 use crate::optimizer::Optimizer;
-use crate::options::TrainOptions;
+use crate::options::{TrainOptions, Validation};
 use crate::schedule::learning_rate;
-use crate::validate::{Validation, validate};
+use crate::validate::validate;
 use crate::{Dataset, TrainError, sheet};
 
 /// A run.
@@ -188,13 +188,13 @@ impl<'a> Run<'a> {
             sheet.add(example);
         })?;
         sheet.save(&self.job.out.join("validation.png"))?;
-        let failures = scores.failures();
+        let outliers = scores.outliers();
         let mut manifest = self.estimator.network().manifest().clone();
-        manifest.scores.insert("validation failures".to_owned(), failures.into());
+        manifest.scores.insert("validation outlier rate".to_owned(), outliers.into());
         self.estimator.network_mut().set_manifest(manifest)?;
-        let best = self.state.best.is_none_or(|best| failures < best);
+        let best = self.state.best.is_none_or(|best| outliers < best);
         if best {
-            self.state.best = Some(failures);
+            self.state.best = Some(outliers);
             write_module(self.estimator.network(), &self.job.out.join("best.pt"))?;
         }
         let record = ValidationRecord { step: self.state.step, scores, best };

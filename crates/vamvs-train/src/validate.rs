@@ -4,37 +4,15 @@
 use serde::{Deserialize, Serialize};
 use vamvs_core::{Grid, Photo, Planes, Visibility};
 use vamvs_eval::reliability::RIGHT_WITHIN;
-use vamvs_net::estimator::to_grid;
+use vamvs_net::to_grid;
 use vamvs_net::{Estimator, Profile};
 
-use crate::TrainError;
 use crate::dataset::Dataset;
 use crate::sample::{Sample, centres, whole};
+use crate::{TrainError, Validation};
 
 /// The paper's d for refined maps, in plane distances; for the coarse map it is 1.
 const REFINED_D: f64 = 0.375;
-
-/// What is measured.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
-pub struct Validation {
-    /// Views compared, the reference included; beyond five only those that share enough with it.
-    pub views: usize,
-    /// Longer side to which photographs are reduced, pixels.
-    pub max_size: usize,
-    /// Most planes.
-    pub max_planes: usize,
-    /// Reference views, spread evenly over the set.
-    pub references: usize,
-    /// Whether views are weighted by the true visibility instead of the network's (vis-var).
-    pub true_visibility: bool,
-}
-
-impl Default for Validation {
-    fn default() -> Self {
-        Self { views: 5, max_size: 512, max_planes: 96, references: 16, true_visibility: false }
-    }
-}
 
 /// The scores of all stages, coarse first.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -59,14 +37,15 @@ pub struct StageScores {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Region {
-    /// Pixels with a known truth.
+    /// Pixels with a known ground truth.
     pub pixels: usize,
     /// Of these, pixels within d.
     pub within_d: usize,
     /// Within 3d.
     pub within_3d: usize,
-    /// Off by more than 1 % of the depth.
-    pub failures: usize,
+    /// Error > 1 % of the depth.
+    #[serde(alias = "failures")]
+    pub outliers: usize,
 }
 
 impl Region {
@@ -80,16 +59,16 @@ impl Region {
         self.pixels += 1;
         self.within_d += usize::from(planes_off < d);
         self.within_3d += usize::from(planes_off < 3.0 * d);
-        // A depth that is no number is a failure.
-        self.failures += usize::from(relative.is_nan() || relative > RIGHT_WITHIN);
+        // A depth that is no number is an outlier.
+        self.outliers += usize::from(relative.is_nan() || relative > RIGHT_WITHIN);
     }
 }
 
 impl Scores {
-    /// The share of failures of the last stage: what the best network has least of.
+    /// The outlier rate of the last stage: what the best network has least of.
     #[must_use]
-    pub fn failures(&self) -> f64 {
-        self.stages.last().map_or(f64::NAN, |stage| stage.overall.share(stage.overall.failures))
+    pub fn outliers(&self) -> f64 {
+        self.stages.last().map_or(f64::NAN, |stage| stage.overall.share(stage.overall.outliers))
     }
 }
 
@@ -103,8 +82,8 @@ pub fn stage_name(stage: usize) -> String {
 pub struct Example {
     /// The reference photograph.
     pub photo: Photo,
-    /// The truth at the last stage's size, 0 where unknown.
-    pub truth: Grid<f32>,
+    /// The ground truth at the last stage's size, 0 where unknown.
+    pub ground_truth: Grid<f32>,
     /// Depth after each stage, coarse first.
     pub stages: Vec<Grid<f32>>,
 }
@@ -154,12 +133,14 @@ fn scale_of(sample: &Sample, map: &Grid<f32>) -> usize {
 fn score(scores: &mut StageScores, sample: &Sample, map: &Grid<f32>, scale: usize, d: f64) {
     let size = sample.photos[0].camera.size;
     let (xs, ys) = (centres(size.width, scale), centres(size.height, scale));
-    let truth = sample.truth.coordinates(&xs, &ys, &sample.planes);
-    let seen: Vec<_> = (0..sample.photos.len() - 1).map(|s| sample.truth.seen(s, &xs, &ys)).collect();
-    for (index, truth) in truth.into_iter().enumerate().filter(|(_, truth)| !truth.is_nan()) {
+    let ground_truth = sample.ground_truth.coordinates(&xs, &ys, &sample.planes);
+    let seen: Vec<_> = (0..sample.photos.len() - 1).map(|s| sample.ground_truth.seen(s, &xs, &ys)).collect();
+    for (index, ground_truth) in
+        ground_truth.into_iter().enumerate().filter(|(_, ground_truth)| !ground_truth.is_nan())
+    {
         let found = map[(index % xs.len(), index / xs.len())];
-        let [found, truth] = [found, truth].map(f64::from);
-        let relative = (sample.planes.depth(found) / sample.planes.depth(truth) - 1.0).abs();
+        let [found, ground_truth] = [found, ground_truth].map(f64::from);
+        let relative = (sample.planes.depth(found) / sample.planes.depth(ground_truth) - 1.0).abs();
         let mut regions = vec![&mut scores.overall];
         let known: Option<Vec<Visibility>> = seen.iter().map(|seen| Some(seen.as_ref()?[index])).collect();
         if let Some(known) = known {
@@ -167,14 +148,18 @@ fn score(scores: &mut StageScores, sample: &Sample, map: &Grid<f32>, scale: usiz
             regions.push(if all { &mut scores.fully_visible } else { &mut scores.invisible });
         }
         for region in regions {
-            region.add((found - truth).abs(), d, relative);
+            region.add((found - ground_truth).abs(), d, relative);
         }
     }
 }
 
 fn example(sample: &Sample, maps: &[Grid<f32>], scale: usize) -> Example {
     let photo = sample.photos[0].clone();
-    let truth = sample.true_depths(scale);
+    let ground_truth = sample.true_depths(scale);
     let depth = |planes: &Planes, u: f32| planes.depth(f64::from(u)) as f32;
-    Example { photo, truth, stages: maps.iter().map(|map| map.map(|&u| depth(&sample.planes, u))).collect() }
+    Example {
+        photo,
+        ground_truth,
+        stages: maps.iter().map(|map| map.map(|&u| depth(&sample.planes, u))).collect(),
+    }
 }

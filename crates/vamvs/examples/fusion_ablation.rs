@@ -1,7 +1,7 @@
-//! What each rule of fusion brings, on scenes of which the truth is known.
+//! What each rule of fusion brings, on scenes of which the ground truth is known.
 //!
-//! `cargo run --release -p vamvs --no-default-features --example fusion_ablation -- OUT TRUTH [OUT TRUTH …]` fuses the
-//! depth maps in each folder OUT in several ways and compares the clouds with the true depth maps in TRUTH, a scene of
+//! `cargo run --release -p vamvs --no-default-features --example fusion_ablation -- OUT GROUND_TRUTH [OUT GROUND_TRUTH …]` fuses the
+//! depth maps in each folder OUT in several ways and compares the clouds with the true depth maps in GROUND_TRUTH, a scene of
 //! `vamvs synth`. For each way it prints the mean over the scenes of the F-score, precision and recall at 0.3 % and 1 %
 //! of the median depth, in percent, the floaters (points farther than 5 % of the median depth from any surface that a
 //! view sees) in percent of the points, and the points.
@@ -22,17 +22,17 @@ const NEAR: [f64; 2] = [0.003, 0.01];
 /// Farther than this share of the median depth from any surface, a point floats.
 const FLOATING: f64 = 0.05;
 
-/// Every so many pixels of the true maps, in both directions, are points of the truth.
+/// Every so many pixels of the true maps, in both directions, are points of the ground truth.
 const STEP: usize = 2;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-/// Estimated maps with the truth.
+/// Estimated maps with the ground truth.
 struct Scene {
     views: Vec<FusionView>,
     neighbours: Vec<Vec<usize>>,
     /// Points of all surfaces that a view sees.
-    truth: Vec<[f64; 3]>,
+    ground_truth: Vec<[f64; 3]>,
     median_depth: f64,
 }
 
@@ -80,18 +80,20 @@ fn variants() -> Vec<(String, FuseOptions)> {
 }
 
 impl Scene {
-    fn read(estimated: &std::path::Path, truth: &std::path::Path) -> Result<Self> {
+    fn read(estimated: &std::path::Path, ground_truth: &std::path::Path) -> Result<Self> {
         let maps = Maps::open(estimated, Masks::None, &mut |_| std::ops::ControlFlow::Continue(()))?;
-        let truth = Maps::open(truth, Masks::None, &mut |_| std::ops::ControlFlow::Continue(()))?;
-        let true_maps: Vec<DepthMap> =
-            (0..truth.len()).map(|view| truth.depth_map(view)).collect::<std::result::Result<_, _>>()?;
+        let ground_truth =
+            Maps::open(ground_truth, Masks::None, &mut |_| std::ops::ControlFlow::Continue(()))?;
+        let true_maps: Vec<DepthMap> = (0..ground_truth.len())
+            .map(|view| ground_truth.depth_map(view))
+            .collect::<std::result::Result<_, _>>()?;
         let mut depths: Vec<f32> =
             true_maps.iter().flat_map(|map| map.depth.data()).copied().filter(|&d| is_valid(d)).collect();
         depths.sort_by(f32::total_cmp);
         Ok(Self {
             neighbours: maps.neighbours(FusionOptions::default().neighbours),
             views: (0..maps.len()).map(|view| maps.load(view)).collect::<std::result::Result<_, _>>()?,
-            truth: true_maps.iter().flat_map(surface).collect(),
+            ground_truth: true_maps.iter().flat_map(surface).collect(),
             median_depth: depths[depths.len() / 2].into(),
         })
     }
@@ -105,13 +107,14 @@ impl Scene {
             memory: usize::MAX / 2,
         };
         let cloud: Vec<[f64; 3]> = fuse_to_cloud(&job)?.0.into_iter().map(|point| point.x_in_world).collect();
-        let distances = CloudDistances::between(&cloud, &self.truth);
+        let distances = CloudDistances::between(&cloud, &self.ground_truth);
         let agreement = |share| {
             let at = distances.agreement(share * self.median_depth);
             [at.f_score, at.precision, at.recall]
         };
         let floats = |&&distance: &&f64| distance > FLOATING * self.median_depth;
-        let floaters = distances.to_truth.iter().filter(floats).count() as f64 / cloud.len().max(1) as f64;
+        let floaters =
+            distances.to_ground_truth.iter().filter(floats).count() as f64 / cloud.len().max(1) as f64;
         Ok(Scores { near: NEAR.map(agreement), floaters, points: cloud.len() as f64 })
     }
 }

@@ -22,7 +22,7 @@ const SMALLER_PIECES: usize = 8;
 ///
 /// # Errors
 /// As [`plan`](fn@crate::plan).
-pub(crate) fn fitting(
+pub(crate) fn fit_to_memory(
     scene: &Scene,
     photographs: &Photographs,
     options: &DepthOptions,

@@ -26,10 +26,11 @@ impl<'a> Identity<'a> {
     pub fn new(work: &'a Prepared) -> Self {
         let Prepared { scene, estimator, module, .. } = work;
         // Slabs and strips bound the memory and change nothing of the result.
-        let cells = estimator.network().manifest().cells;
+        let coarse_stride = estimator.network().manifest().coarse_stride;
         let EstimatorOptions { iterations, completion, guide, slab_bytes: _, strip_points: _ } =
             estimator.options();
-        let common = format!("{PIPELINE_VERSION} {module} {cells} {iterations:?} {completion:?} {guide:?}");
+        let common =
+            format!("{PIPELINE_VERSION} {module} {coarse_stride} {iterations:?} {completion:?} {guide:?}");
         Self { common, scene, views: vec![OnceLock::new(); scene.views.len()] }
     }
 

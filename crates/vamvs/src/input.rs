@@ -66,7 +66,7 @@ impl Input {
     pub fn load(&self) -> Result<Loaded, VamvsError> {
         let mut loaded = self.read()?;
         if loaded.masks == Masks::None {
-            loaded.masks = Masks::beside(&loaded.images);
+            loaded.masks = Masks::next_to(&loaded.images);
         }
         match loaded.scene.views.len() {
             0 | 1 => Err(VamvsError::Request(format!(

@@ -5,7 +5,7 @@
 //! planes, [`depth`] estimates the depth maps with the network, brings them to the size of their photographs and keeps
 //! them in an [`output`] folder, [`refine`](mod@refine) does the latter with depth maps at hand,
 //! [`maps`] reads depth maps, these or those of other programs, [`fuse`](mod@fuse) merges them into a cloud and
-//! [`export`] hands on to other programs. [`report`] shows a run on a page, [`eval`] measures results against truth. Progress comes as
+//! [`export`] hands on to other programs. [`report`] shows a run on a page, [`eval`] measures results against ground truth. Progress comes as
 //! [`Event`]s; nothing here prints.
 //!
 //! Without the feature `net` the crate builds and runs without libtorch, and everything but [`depth`]

@@ -29,13 +29,14 @@ pub struct DepthOptions {
     pub min_brightness: u8,
     /// Pixels all of whose channels are brighter, grey values, count as masked: a white backdrop. 255: none.
     pub max_brightness: u8,
-    /// Width of the coarse map's cells, pixels of a photograph: 8 or 4, which lose what is smaller than they are;
-    /// by default the network's own.
-    pub cells: Option<usize>,
+    /// Stride of the coarse depth map, pixels of a photograph: 8 or 4; what is thinner than the stride is lost. By
+    /// default the network's own.
+    #[serde(alias = "cells")]
+    pub coarse_stride: Option<usize>,
     /// Views compared for a depth map at most, the reference included, at least 2; see
     /// [`vamvs_core::view_selection::compared`].
     pub views: usize,
-    /// Number of planes; by default from the cameras, see [`vamvs_core::Planes::fitting`].
+    /// Number of planes; by default from the cameras, see [`vamvs_core::Planes::for_views`].
     pub planes: Option<usize>,
     /// Largest number of planes chosen by default.
     pub max_planes: usize,
@@ -50,7 +51,7 @@ pub struct DepthOptions {
     /// Depth outside of the box too, but coarsely: all flow iterations inside of it, fewer around, the coarse
     /// map elsewhere (section 4.5).
     pub fovea: bool,
-    /// The most memory to take: to make a depth map in, see `vamvs::fitting`, and, as far as some is left,
+    /// The most memory to take: to make a depth map in, see `vamvs::fit_to_memory`, and, as far as some is left,
     /// to keep features of photographs that will be needed again.
     pub max_memory: MemoryLimit,
 }
@@ -65,7 +66,7 @@ impl Default for DepthOptions {
             enlarge: 1.0,
             min_brightness: 0,
             max_brightness: 255,
-            cells: None,
+            coarse_stride: None,
             views: 5,
             planes: None,
             max_planes: 192,

@@ -307,7 +307,7 @@ mod tests {
             found.data().iter().zip(expected.data()).map(|(a, b)| a[0].abs_diff(b[0])).collect();
         let mean = errors.iter().map(|&error| f64::from(error)).sum::<f64>() / errors.len() as f64;
         let off = errors.iter().filter(|&&error| error > 8).count() as f64 / errors.len() as f64;
-        assert!(mean < 1.0 && off < 0.01, "mean {mean}, share off by more than 8 of 255: {off}");
+        assert!(mean < 1.0 && off < 0.01, "mean {mean}, share of errors > 8 of 255: {off}");
     }
 
     #[test]

@@ -134,7 +134,7 @@ impl Planner<'_> {
         let pose = |view: usize| &self.scene.views[view].cam_from_world;
         let others: Vec<_> = sources.iter().map(|&source| (&self.cameras[source], pose(source))).collect();
         let reference = (&self.cameras[view], pose(view));
-        let mut planes = Planes::fitting(range, reference, &others, self.options.max_planes);
+        let mut planes = Planes::for_views(range, reference, &others, self.options.max_planes);
         planes.count = self.options.planes.unwrap_or(planes.count);
         planes.spacing = self.options.spacing.unwrap_or(planes.spacing);
         Ok(ViewPlan { sources, planes, origin, region, foveated: self.options.fovea })

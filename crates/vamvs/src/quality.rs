@@ -4,13 +4,14 @@ use crate::DepthOptions;
 
 /// A choice among the built-in networks and how large what they see is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Quality {
-    /// A quick look at a capture: photographs of 800 pixels at most, the light network, one pass of refinement.
+    /// A quick look at a capture: photographs of 800 pixels at most, vis-corr, one pass of refinement.
     Draft,
     /// The defaults.
     #[default]
     Normal,
-    /// The most accurate network, which sees photographs of 1024 pixels.
+    /// vis-max, which sees photographs of 1024 pixels.
     Best,
 }
 
@@ -34,7 +35,15 @@ impl Quality {
             Self::Normal => DepthOptions::default(),
             Self::Best => DepthOptions { network_size: 1024, ..DepthOptions::default() },
         };
-        let DepthOptions { max_size, network_size, refine, geometric, cells, iterations, .. } = own;
-        DepthOptions { max_size, network_size, refine, geometric, cells, iterations, ..options.clone() }
+        let DepthOptions { max_size, network_size, refine, geometric, coarse_stride, iterations, .. } = own;
+        DepthOptions {
+            max_size,
+            network_size,
+            refine,
+            geometric,
+            coarse_stride,
+            iterations,
+            ..options.clone()
+        }
     }
 }

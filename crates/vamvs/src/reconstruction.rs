@@ -135,7 +135,7 @@ impl Reconstruction {
         let mut estimator = estimator(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
         let photographs = Photographs::of(self.origin, &self.depth);
         let (photographs, plan) =
-            fit::fitting(&self.scene, &photographs, &self.depth, &mut estimator, on_event)?;
+            fit::fit_to_memory(&self.scene, &photographs, &self.depth, &mut estimator, on_event)?;
         let module = blake3::hash(&weights::bytes(self.weights.as_deref())?);
         Ok(Prepared { scene: self.scene, photographs, plan, estimator, module, options: self.depth })
     }
@@ -167,8 +167,8 @@ fn estimator(
 ) -> Result<Estimator, VamvsError> {
     let device = open_device(device.unwrap_or("auto"))?;
     let mut network = weights::load(weights, device)?;
-    if let Some(cells) = depth.cells {
-        network.set_cells(cells)?;
+    if let Some(coarse_stride) = depth.coarse_stride {
+        network.set_coarse_stride(coarse_stride)?;
     }
     let mut options = EstimatorOptions::of(&network);
     options.iterations.truncate(depth.iterations.unwrap_or(usize::MAX));

@@ -7,9 +7,9 @@ use clap::Args;
 /// The end of the command's help.
 pub const EXAMPLES: &str = "\
 Example:
-  vamvs calibrate --data held-out --weights run/best.pt --out vis-max.pt
+  vamvs calibrate --data hold-out --weights run/best.pt --out vis-max.pt
 
-A depth counts as right if it is off by at most 1 %. Half of the views are fitted to, the other half tell
+A depth counts as right if its error is at most 1 %. Half of the views are fitted to, the other half tell
 what came of it.";
 
 /// `calibrate`.

@@ -7,12 +7,12 @@ use clap::{Args, Subcommand, ValueEnum};
 /// The end of the command's help.
 pub const EXAMPLES: &str = "\
 Examples:
-  vamvs eval depth out truth                              depth maps of a scene, or of folders of scenes
-  vamvs eval cloud out/fused.ply truth.ply --thresholds 0.01,0.02
+  vamvs eval depth out ground truth                              depth maps of a scene, or of folders of scenes
+  vamvs eval cloud out/fused.ply ground_truth.ply --thresholds 0.01,0.02
   vamvs eval cloud scan1.ply stl001_total.ply --preset dtu --mask ObsMask1_10.mat --plane Plane1.mat
-  vamvs eval cloud Barn.ply truth/Barn.ply --preset tnt --tau 0.01 --crop Barn.json --align Barn_trans.txt
-  vamvs eval scene out truth                              both, with a page of pictures: out/eval.html
-  vamvs eval network vis-max my.pt --data held-out --views 3 5 7        networks side by side";
+  vamvs eval cloud Barn.ply ground_truth/Barn.ply --preset tnt --tau 0.01 --crop Barn.json --align Barn_trans.txt
+  vamvs eval scene out ground truth                              both, with a page of pictures: out/eval.html
+  vamvs eval network vis-max my.pt --data hold-out --views 3 5 7        networks side by side";
 
 /// `eval`.
 #[derive(Debug, Args)]
@@ -42,9 +42,9 @@ pub struct EvalDepthArguments {
     /// Folder of depth maps, as `vamvs depth` or others write it; a folder of such; or one depth map.
     #[arg(value_name = "PRED")]
     pub prediction: PathBuf,
-    /// The same of the truth: depths/, cams/, images/, and perhaps visibility/ and pair.txt.
-    #[arg(value_name = "TRUTH")]
-    pub truth: PathBuf,
+    /// The same of the ground truth: depths/, cams/, images/, and perhaps visibility/ and pair.txt.
+    #[arg(value_name = "GROUND_TRUTH")]
+    pub ground_truth: PathBuf,
     /// How near is near.
     #[command(flatten)]
     pub thresholds: DepthThresholdFlags,
@@ -63,8 +63,8 @@ pub struct EvalCloudArguments {
     #[arg(value_name = "CLOUD.ply")]
     pub cloud: PathBuf,
     /// Points of the true surface.
-    #[arg(value_name = "TRUTH.ply")]
-    pub truth: PathBuf,
+    #[arg(value_name = "GROUND_TRUTH.ply")]
+    pub ground_truth: PathBuf,
     /// Whose protocol.
     #[arg(long, value_enum, default_value_t = CloudPreset::Generic)]
     pub preset: CloudPreset,
@@ -116,10 +116,10 @@ pub struct TntFlags {
     /// Meetingroom 0.01, Truck 0.005.
     #[arg(long, value_name = "DISTANCE", value_parser = positive)]
     pub tau: Option<f64>,
-    /// The part of the truth that counts.
+    /// The part of the ground truth that counts.
     #[arg(long, value_name = "SCENE.json")]
     pub crop: Option<PathBuf>,
-    /// The transform from the cloud to the truth, 4×4 numbers [default: none, the frames are the same].
+    /// The transform from the cloud to the ground truth, 4×4 numbers [default: none, the frames are the same].
     #[arg(long, value_name = "FILE")]
     pub align: Option<PathBuf>,
     /// Improve the alignment on the clouds (ICP with scale, in the benchmark's three steps).
@@ -147,9 +147,9 @@ pub struct EvalSceneArguments {
     /// Output folder of `vamvs reconstruct`.
     #[arg(value_name = "OUT")]
     pub out: PathBuf,
-    /// Folder of the truth: depths/, cams/, images/, and perhaps visibility/ and pair.txt.
-    #[arg(value_name = "TRUTH")]
-    pub truth: PathBuf,
+    /// Folder of the ground truth: depths/, cams/, images/, and perhaps visibility/ and pair.txt.
+    #[arg(value_name = "GROUND_TRUTH")]
+    pub ground_truth: PathBuf,
     /// The cloud [default: OUT/fused.ply, if it is there].
     #[arg(long, value_name = "FILE.ply")]
     pub cloud: Option<PathBuf>,
@@ -186,12 +186,12 @@ pub struct EvalNetworkArguments {
     /// Longer side to which photographs are reduced.
     #[arg(long, value_name = "PIXELS", default_value_t = 512)]
     pub max_size: usize,
-    /// Most planes; the range is a tenth wider than the truth's.
+    /// Most planes; the range is a tenth wider than the ground truth's.
     #[arg(long, value_name = "N", default_value_t = 96)]
     pub max_planes: usize,
-    /// Width of the coarse map's cells, 8 or 4 pixels [default: each network's own].
-    #[arg(long, value_name = "PIXELS")]
-    pub cells: Option<usize>,
+    /// Stride of the coarse depth map, 8 or 4 pixels [default: each network's own].
+    #[arg(long, alias = "cells", value_name = "PIXELS")]
+    pub coarse_stride: Option<usize>,
     /// Weigh views by the scenes' true visibility instead of the network's (vis-var, an experiment).
     #[arg(long)]
     pub true_visibility: bool,

@@ -1,6 +1,7 @@
 //! The flags of fusion.
 
 use clap::{Args, ValueEnum};
+use vamvs::fusion::Consistency;
 use vamvs::fusion::PointSpacing;
 
 /// How depth maps are filtered.
@@ -53,15 +54,6 @@ fn point_spacing(text: &str) -> Result<PointSpacing, String> {
         return Err(expected.to_owned());
     }
     Ok(if pixels.is_some() { PointSpacing::Pixels(number) } else { PointSpacing::Units(number) })
-}
-
-/// How it is decided whether other views confirm a point.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Consistency {
-    /// Views vote: the closer they agree, the larger the angle, the surer they are, the more a vote counts.
-    Dynamic,
-    /// Views are counted: --min-views of them within --max-reprojection and --max-relative-depth.
-    Classic,
 }
 
 /// Sets of thresholds.

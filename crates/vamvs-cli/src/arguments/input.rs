@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
-use serde::{Deserialize, Serialize};
+use clap::Args;
+use vamvs::io::mvsnet::{DepthLine, PixelCentre};
 
 /// Where the scene is.
 #[derive(Debug, Args)]
@@ -46,28 +46,4 @@ pub struct InputFlags {
     /// MVSNet layout: where the principal point is counted from [default: half].
     #[arg(long, value_enum)]
     pub pixel_centre: Option<PixelCentre>,
-}
-
-/// The depth line of MVSNet's camera files.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DepthLine {
-    /// By the number of words.
-    #[default]
-    Auto,
-    /// `min interval …`.
-    MinInterval,
-    /// `min max …`.
-    MinMax,
-}
-
-/// Where the centre of the first pixel is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PixelCentre {
-    /// At (0.5, 0.5), as in COLMAP and MVSNet.
-    #[default]
-    Half,
-    /// At (0, 0), as in OpenCV.
-    Integer,
 }

@@ -114,7 +114,7 @@ pub struct GeneralFlags {
 pub enum RigChoice {
     /// Spread over a cap of a dome.
     Dome,
-    /// Along an arc, held by hand.
+    /// Along an arc, hand-held.
     Arc,
     /// In rows and columns.
     Grid,

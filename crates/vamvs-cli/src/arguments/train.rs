@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use vamvs_train::options::Rule;
 
 /// The end of the command's help.
 pub const EXAMPLES: &str = "\
 Examples:
   vamvs synth --out set --scenes 200 --rig mixed
-  vamvs synth --out held-out --scenes 20 --rig mixed --seed 1
-  vamvs train --data set --validation held-out --network vis-max.pt --out run
+  vamvs synth --out hold-out --scenes 20 --rig mixed --seed 1
+  vamvs train --data set --validation hold-out --network vis-max.pt --out run
   vamvs train --data my-scans --network weights/vis-max.pt --learning-rate 1e-4 --steps 2000 --out tuned
 
 The same command again goes on where an interrupted run was. OUT holds module.pt (the last weights),
@@ -78,7 +79,7 @@ pub struct TrainingFlags {
     pub batch: Option<usize>,
     /// How weights follow the gradient [default: adam-w; paper: rms-prop].
     #[arg(long, value_enum)]
-    pub optimizer: Option<OptimizerRule>,
+    pub optimizer: Option<Rule>,
     /// The learning rate after the warm-up [default: 1e-3; paper: 5e-4].
     #[arg(long, value_name = "RATE")]
     pub learning_rate: Option<f64>,
@@ -160,13 +161,4 @@ pub enum TrainPreset {
     /// a batch come one after the other, so that batch normalisation sees one at a time; photographs larger than the
     /// cut-outs are cut; planes span each view's own depth range.
     Paper,
-}
-
-/// How weights follow the gradient.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum OptimizerRule {
-    /// RMSProp, α = 0.9.
-    RmsProp,
-    /// Adam with decoupled weight decay.
-    AdamW,
 }

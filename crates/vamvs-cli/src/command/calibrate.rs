@@ -39,13 +39,13 @@ fn tell(calibration: &Calibration, arguments: &CalibrateArguments) {
         return;
     }
     println!("{:>10}  {:>18}  {:>18}", "confidence", "kept, right before", "kept, right after");
-    for (before, after) in before.kept().iter().zip(after.kept()).step_by(2) {
+    for (before, after) in before.above_confidences().iter().zip(after.above_confidences()).step_by(2) {
         let cell = |share: f64, right: f64| format!("{:.1} %, {:.1} %", 100.0 * share, 100.0 * right);
         let cells = [cell(before.share, before.right), cell(after.share, after.right)];
         println!("{:>10.2}  {:>18}  {:>18}", before.confidence, cells[0], cells[1]);
     }
     let [off_before, off_after] = [before, after].map(|reliability| 100.0 * reliability.error());
-    println!("confidence off by {off_before:.1} % on average before, {off_after:.1} % after");
+    println!("mean calibration error of the confidence: {off_before:.1} % before, {off_after:.1} % after");
     println!("{}", arguments.out.display());
 }
 

@@ -1,4 +1,4 @@
-//! `vamvs synth`: scenes with known truth.
+//! `vamvs synth`: scenes with known ground truth.
 
 use std::path::Path;
 

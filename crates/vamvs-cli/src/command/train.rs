@@ -5,10 +5,9 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
 use vamvs::net::{Network, open_device};
-use vamvs_train::options::Rule;
 use vamvs_train::{Dataset, TrainEvent, TrainJob, TrainOptions, Validation, train};
 
-use crate::arguments::{OptimizerRule, SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
+use crate::arguments::{SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
 use crate::heap::KeptBlocks;
 use crate::progress::Progress;
 use crate::settings::{Settings, set};
@@ -64,7 +63,7 @@ fn options(training: &TrainingFlags, samples: &SampleFlags) -> TrainOptions {
     set(&mut options.loss.flow_reach, training.flow_reach);
     set(&mut options.loss.cross_entropy, training.cross_entropy);
     let optimizer = &mut options.optimizer;
-    set(&mut optimizer.rule, training.optimizer.map(rule));
+    set(&mut optimizer.rule, training.optimizer);
     set(&mut optimizer.learning_rate, training.learning_rate);
     set(&mut optimizer.warm_up, training.warm_up);
     set(&mut optimizer.weight_decay, training.weight_decay);
@@ -79,13 +78,6 @@ fn options(training: &TrainingFlags, samples: &SampleFlags) -> TrainOptions {
     sample.augment &= !samples.no_augmentation;
     sample.true_visibility = samples.true_visibility;
     options
-}
-
-fn rule(rule: OptimizerRule) -> Rule {
-    match rule {
-        OptimizerRule::RmsProp => Rule::RmsProp,
-        OptimizerRule::AdamW => Rule::AdamW,
-    }
 }
 
 /// Two numbers, as the parser made sure.
@@ -120,14 +112,14 @@ impl Report {
             }
             TrainEvent::Validated(record) => {
                 let stage = |s: &vamvs_train::validate::StageScores| {
-                    format!("{:.1}", 100.0 * s.overall.share(s.overall.failures))
+                    format!("{:.1}", 100.0 * s.overall.share(s.overall.outliers))
                 };
-                let failures: Vec<String> = record.scores.stages.iter().map(stage).collect();
+                let outliers: Vec<String> = record.scores.stages.iter().map(stage).collect();
                 let best = if record.best { ", the best so far" } else { "" };
                 self.progress.say(&format!(
-                    "step {}: {} % of validation pixels off by more than 1 % (coarse, then each iteration){best}",
+                    "step {}: {} % of validation pixels with an error > 1 % (coarse, then each iteration){best}",
                     record.step,
-                    failures.join(", "),
+                    outliers.join(", "),
                 ));
             }
             TrainEvent::Saved { .. } => {}

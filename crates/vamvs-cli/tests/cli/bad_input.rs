@@ -202,7 +202,7 @@ fn masks_leave_no_depth_and_a_wrong_folder_of_masks_is_an_error() {
     std::fs::create_dir_all(&masks).unwrap();
     let black_left = Grid::from_fn(Size::new(96, 64), |x, _| if x < 48 { 0_u16 } else { u16::MAX });
     image::save_png_gray16(&masks.join("0001.png"), &black_left).unwrap();
-    // The coarse map has cells of 4 pixels.
+    // The coarse map has a coarse stride of 4.
     let masked = |x: usize| x < 12;
     let depth_of = |arguments: &[&str], said: bool| {
         let output = scene.run("depth", arguments);
@@ -237,7 +237,7 @@ fn a_black_or_white_backdrop_has_no_depth_if_that_is_asked_for() {
         vamvs::io::pfm::read_depth(&scene.out().join("depths/0001.pfm")).unwrap().row(3).to_vec()
     };
     assert!(depth_of(&[]).iter().all(|depth| *depth > 0.0));
-    // The coarse map has cells of 4 pixels.
+    // The coarse map has a coarse stride of 4.
     let depth = depth_of(&["--min-brightness", "16"]);
     assert!(depth.iter().enumerate().all(|(x, depth)| (*depth == 0.0) == dark(4 * x)), "{depth:?}");
     let depth = depth_of(&["--max-brightness", "250"]);
@@ -267,7 +267,7 @@ fn nonsense_on_the_command_line_is_refused() {
         (&["--planes", "1"], "from 8 to 2048"),
         (&["--max-size", "5"], "at least 64"),
         (&["--enlarge", "0.5"], "from 1 to 8"),
-        (&["--cells", "16"], "cells of 16 pixels"),
+        (&["--coarse-stride", "16"], "a coarse stride of 16 pixels"),
         (&["--depth-range", "5", "2"], "near"),
         (&["--roi", "0", "0", "0", "0", "1", "1"], "--roi"),
         (&["--device", "abacus"], "abacus"),

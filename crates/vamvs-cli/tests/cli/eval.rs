@@ -14,7 +14,7 @@ use crate::scene::{Scene, error_of, expect_success, vamvs, write};
 const PLANES: Planes =
     Planes { range: DepthRange { near: 1.0, far: 6.0 }, count: 101, spacing: Spacing::Depth };
 
-/// Depth maps of half the truth's size, all depths a hundredth too large, the left half missing.
+/// Depth maps of half the ground truth's size, all depths a hundredth too large, the left half missing.
 fn estimates(scene: &Scene, planes: Option<Planes>) -> OutputFolder {
     let folder = OutputFolder::new(&scene.path("estimates"));
     let names: Vec<String> = (0..scene.views.len()).map(|i| format!("{i:04}")).collect();
@@ -41,7 +41,7 @@ fn estimates(scene: &Scene, planes: Option<Planes>) -> OutputFolder {
 }
 
 /// The first view's tiles: the second view does not see its upper half; all else sees everything.
-fn write_visibility(scene: &Scene, truth: &OutputFolder) {
+fn write_visibility(scene: &Scene, ground_truth: &OutputFolder) {
     let size = scene.views[0].depth.size();
     let seen = Grid::filled(size, Visibility::Visible);
     let half =
@@ -49,13 +49,13 @@ fn write_visibility(scene: &Scene, truth: &OutputFolder) {
             size,
             |_, y| if y < size.height / 2 { Visibility::Occluded } else { Visibility::Visible },
         );
-    std::fs::create_dir_all(truth.root().join("visibility")).unwrap();
+    std::fs::create_dir_all(ground_truth.root().join("visibility")).unwrap();
     for view in 0..scene.views.len() {
         let mut tiles = vec![seen.clone(); scene.views.len()];
         if view == 0 {
             (tiles[1], tiles[2]) = (half.clone(), half.map(|_| Visibility::OutOfView));
         }
-        visibility::write(&truth.root().join(format!("visibility/{view:04}.png")), &tiles).unwrap();
+        visibility::write(&ground_truth.root().join(format!("visibility/{view:04}.png")), &tiles).unwrap();
     }
 }
 
@@ -77,10 +77,10 @@ fn near(value: &Value, expected: f64) -> bool {
 #[test]
 fn depth_errors_are_told_by_view_region_and_threshold() {
     let scene = Scene::new(64, 48, 4);
-    let truth = true_maps(&scene);
-    write_visibility(&scene, &truth);
+    let ground_truth = true_maps(&scene);
+    write_visibility(&scene, &ground_truth);
     let estimates = estimates(&scene, Some(PLANES));
-    let paths = [estimates.root(), truth.root()];
+    let paths = [estimates.root(), ground_truth.root()];
     let result = json(&["depth"], paths);
     let errors = &result["scenes"][0]["errors"];
     let all = &errors["total"][0];
@@ -108,8 +108,8 @@ fn depth_errors_are_told_by_view_region_and_threshold() {
 #[test]
 fn plane_distances_must_be_known_and_can_be_given() {
     let scene = Scene::new(64, 48, 3);
-    let (truth, estimates) = (true_maps(&scene), estimates(&scene, None));
-    let paths = [estimates.root(), truth.root()];
+    let (ground_truth, estimates) = (true_maps(&scene), estimates(&scene, None));
+    let paths = [estimates.root(), ground_truth.root()];
     let error = error_of(&eval(&["depth", "--planes", "1"], paths));
     assert!(error.contains("0000") && error.contains("--plane-distance"), "{error}");
     let given = json(&["depth", "--planes", "1", "--plane-distance", "0.1"], paths);
@@ -119,7 +119,7 @@ fn plane_distances_must_be_known_and_can_be_given() {
 #[test]
 fn folders_of_scenes_have_a_mean_and_single_files_are_compared_by_size() {
     let scene = Scene::new(64, 48, 3);
-    let (truth, estimates) = (true_maps(&scene), estimates(&scene, None));
+    let (ground_truth, estimates) = (true_maps(&scene), estimates(&scene, None));
     let set = |name: &str, from: &OutputFolder| {
         for number in ["scene-0", "scene-1"] {
             let to = scene.path(name).join(number);
@@ -128,14 +128,14 @@ fn folders_of_scenes_have_a_mean_and_single_files_are_compared_by_size() {
         }
         scene.path(name)
     };
-    let (estimated, true_set) = (set("estimated", &estimates), set("true", &truth));
+    let (estimated, true_set) = (set("estimated", &estimates), set("true", &ground_truth));
     let result = json(&["depth"], [&estimated, &true_set]);
     assert_eq!(result["scenes"].as_array().unwrap().len(), 2);
     assert_eq!(result["scenes"][1]["scene"], "scene-1");
     assert!(near(&result["mean"][0]["relative"]["mean"], 0.01));
-    let single = json(&["depth", "--absolute", "1"], [&estimates.depth("0001"), &truth.depth("0001")]);
+    let single = json(&["depth", "--absolute", "1"], [&estimates.depth("0001"), &ground_truth.depth("0001")]);
     assert!(near(&single["scenes"][0]["errors"]["total"][0]["relative"]["mean"], 0.01));
-    let error = error_of(&eval(&["depth"], [&scene.path("images"), truth.root()]));
+    let error = error_of(&eval(&["depth"], [&scene.path("images"), ground_truth.root()]));
     assert!(error.contains("images") && error.contains("expected depth maps"), "{error}");
 }
 
@@ -152,10 +152,10 @@ fn clouds_are_measured_by_the_preset_that_is_asked_for() {
         };
         (0..side * side).map(point).collect()
     };
-    let (cloud, truth) = (scene.path("cloud.ply"), scene.path("truth.ply"));
+    let (cloud, ground_truth) = (scene.path("cloud.ply"), scene.path("ground_truth.ply"));
     ply::write(&cloud, &square(0.25, 20)).unwrap();
-    ply::write(&truth, &square(0.0, 20)).unwrap();
-    let generic = json(&["cloud", "--thresholds", "0.2,0.3"], [&cloud, &truth]);
+    ply::write(&ground_truth, &square(0.0, 20)).unwrap();
+    let generic = json(&["cloud", "--thresholds", "0.2,0.3"], [&cloud, &ground_truth]);
     assert_eq!((&generic["protocol"], &generic["accuracy"]["mean"]), (&"generic".into(), &0.25.into()));
     let scores: Vec<_> =
         generic["agreement"].as_array().unwrap().iter().map(|at| at["f_score"].as_f64()).collect();
@@ -163,14 +163,14 @@ fn clouds_are_measured_by_the_preset_that_is_asked_for() {
     write(&scene.path("align.txt"), "1 0 0 0  0 1 0 0  0 0 1 -0.25  0 0 0 1");
     let align = scene.path("align.txt");
     let tnt = ["cloud", "--preset", "tnt", "--tau", "0.1", "--align", align.to_str().unwrap()];
-    assert_eq!(json(&tnt, [&cloud, &truth])["f_score"], 1.0);
+    assert_eq!(json(&tnt, [&cloud, &ground_truth])["f_score"], 1.0);
     for (flags, expected) in [
         (vec!["--preset", "dtu"], "--mask"),
         (vec!["--preset", "tnt"], "--tau"),
         (vec!["--tau", "1"], "--preset tnt"),
         (vec!["--preset", "tnt", "--thresholds", "1"], "--preset generic"),
     ] {
-        let error = error_of(&eval(&[&["cloud"], &flags[..]].concat(), [&cloud, &truth]));
+        let error = error_of(&eval(&[&["cloud"], &flags[..]].concat(), [&cloud, &ground_truth]));
         assert!(error.contains(expected), "{error}");
     }
 }
@@ -198,10 +198,10 @@ fn a_scene_has_a_page_with_pictures() {
 #[test]
 fn networks_are_measured_stage_by_stage() {
     let scene = Scene::new(192, 144, 4);
-    let truth = true_maps(&scene);
+    let ground_truth = true_maps(&scene);
     let run = |more: &[&str]| {
         let mut command = vamvs();
-        command.args(["eval", "network", "photometric", "--data"]).arg(truth.root());
+        command.args(["eval", "network", "photometric", "--data"]).arg(ground_truth.root());
         command.args(["--references", "2"]).args(more).output().unwrap()
     };
     let output = run(&["--views", "2", "4", "--json"]);
@@ -214,8 +214,8 @@ fn networks_are_measured_stage_by_stage() {
         assert_eq!(stages.len(), 4, "coarse and three iterations");
         let count = |stage: usize, what: &str| stages[stage]["overall"][what].as_f64().unwrap();
         assert_eq!([0, 3].map(|stage| count(stage, "pixels")), [2.0 * 24.0 * 18.0, 2.0 * 96.0 * 72.0]);
-        let failures = [0, 3].map(|stage| count(stage, "failures") / count(stage, "pixels"));
-        assert!(failures[1] < 0.9 * failures[0], "{failures:?}");
+        let outliers = [0, 3].map(|stage| count(stage, "outliers") / count(stage, "pixels"));
+        assert!(outliers[1] < 0.9 * outliers[0], "{outliers:?}");
         assert_eq!(stages[3]["invisible"]["pixels"], 0, "nobody told what source views see");
     }
     let one_view = run(&["--views", "1"]);

@@ -147,8 +147,8 @@ fn depth_maps_come_in_other_formats_with_the_step_of_pngs() {
     let read = vamvs::io::depth::read(&depths.join("0002.png"), step).unwrap();
     let farthest = |grid: &Grid<f32>| grid.data().iter().copied().fold(0.0, f32::max);
     assert!(f64::from(farthest(&read)) < 65_535.0 * step && step < 1e-3);
-    for (read, truth) in read.data().iter().zip(scene.views[2].depth.data()) {
-        assert!((read - truth).abs() <= 0.51 * step as f32, "{read} or {truth}");
+    for (read, ground_truth) in read.data().iter().zip(scene.views[2].depth.data()) {
+        assert!((read - ground_truth).abs() <= 0.51 * step as f32, "{read} or {ground_truth}");
     }
     assert!(depths.join("0001.exr").is_file() && depths.join("0001.npy").is_file());
     let wrong =
@@ -166,10 +166,10 @@ fn a_scene_for_openmvs_has_all_its_files() {
     let loaded = vamvs::io::openmvs::read_scene(&root.join("scene.mvs"), None).unwrap();
     assert_eq!(loaded.images, root.join("images"));
     assert_eq!(loaded.scene.points.len(), cloud.len());
-    for (view, truth) in loaded.scene.views.iter().zip(&scene.views) {
-        let camera = truth.photo.camera;
+    for (view, ground_truth) in loaded.scene.views.iter().zip(&scene.views) {
+        let camera = ground_truth.photo.camera;
         assert!((view.camera.intrinsics.cx - camera.intrinsics.cx).abs() < 1e-9);
-        assert!((view.cam_from_world.rotation - truth.photo.cam_from_world.rotation).amax() < 1e-9);
+        assert!((view.cam_from_world.rotation - ground_truth.photo.cam_from_world.rotation).amax() < 1e-9);
         assert_eq!(image::stored_size(&root.join("images").join(&view.name)).unwrap(), camera.size);
     }
     assert!((0..4).all(|view| root.join(format!("depth{view:04}.dmap")).is_file()));

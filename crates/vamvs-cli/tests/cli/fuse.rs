@@ -1,4 +1,4 @@
-//! `vamvs fuse` on depth maps with exact truth; needs no network.
+//! `vamvs fuse` on depth maps with exact ground truth; needs no network.
 
 use crate::scene::{Scene, error_of, expect_success, stderr, truncate, vamvs, write};
 use vamvs::core::{Camera, DepthMap, Grid, Lens, Source, View};
@@ -22,7 +22,7 @@ pub fn true_maps(scene: &Scene) -> OutputFolder {
         };
         let range = vamvs_tests::folder::depth_range(view, 1.05).unwrap();
         let saved = SavedMap { map: &map, range, colour: &view.photo.image, normals: None };
-        let record = Record { made_of: "truth".into(), planes: None, sources: Vec::new() };
+        let record = Record { made_of: "ground_truth".into(), planes: None, sources: Vec::new() };
         folder.save(name, &saved, &record).unwrap();
     }
     folder.write_pairs(&names, &(0..names.len()).map(others).collect::<Vec<_>>()).unwrap();
@@ -44,10 +44,10 @@ fn true_depth_maps_give_a_cloud_on_the_true_surface() {
     for point in &cloud {
         let x_in_cam = view.photo.cam_from_world.transform(&point.x_in_world.into());
         let Some(pixel) = view.photo.camera.project_inside(&x_in_cam) else { continue };
-        let truth = f64::from(view.depth[(pixel.x as usize, pixel.y as usize)]);
-        if x_in_cam.z < truth * 1.05 {
+        let ground_truth = f64::from(view.depth[(pixel.x as usize, pixel.y as usize)]);
+        if x_in_cam.z < ground_truth * 1.05 {
             seen += 1;
-            near += usize::from((x_in_cam.z - truth).abs() < 0.02 * truth);
+            near += usize::from((x_in_cam.z - ground_truth).abs() < 0.02 * ground_truth);
         }
     }
     assert!(near as f64 > 0.97 * f64::from(seen), "{near} of {seen}");
@@ -60,7 +60,7 @@ fn nothing_survives_absurdly_strict_filters_and_that_is_an_error_with_the_reason
     write(&folder.cloud(), "an older cloud");
     let output = vamvs().arg("fuse").arg(folder.root()).args(["--min-views", "9"]).output().unwrap();
     let said = error_of(&output);
-    assert!(said.contains("no point survived") && said.contains("not confirmed by other views"), "{said}");
+    assert!(said.contains("no point survived") && said.contains("inconsistent with other views"), "{said}");
     assert_eq!(std::fs::read(folder.cloud()).unwrap(), b"an older cloud");
 }
 

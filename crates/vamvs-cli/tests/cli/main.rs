@@ -9,10 +9,10 @@ mod exchange;
 #[cfg(feature = "net")]
 mod fovea;
 mod fuse;
-mod manners;
 mod refine;
 mod report;
 #[cfg(feature = "net")]
 mod resume;
 mod scene;
 mod synth;
+mod terminal;

@@ -28,7 +28,7 @@ fn coarse_maps(scene: &Scene) -> OutputFolder {
         };
         let colour = Grid::filled(size, Rgb::default());
         let range = DepthRange::try_new(0.1, 100.0).unwrap();
-        let record = Record { made_of: "truth".into(), planes: None, sources: Vec::new() };
+        let record = Record { made_of: "ground_truth".into(), planes: None, sources: Vec::new() };
         folder.save(name, &SavedMap { map: &map, range, colour: &colour, normals: None }, &record).unwrap();
     }
     folder
@@ -41,9 +41,9 @@ fn refine(scene: &Scene, arguments: &[&str]) -> Output {
 }
 
 /// The share of pixels whose depth is right to `share`.
-fn right(depth: &Grid<f32>, truth: &Grid<f32>, share: f32) -> f64 {
-    let known = truth.data().iter().zip(depth.data()).filter(|(truth, _)| **truth > 0.0);
-    let errors: Vec<f32> = known.map(|(truth, depth)| (depth / truth - 1.0).abs()).collect();
+fn right(depth: &Grid<f32>, ground_truth: &Grid<f32>, share: f32) -> f64 {
+    let known = ground_truth.data().iter().zip(depth.data()).filter(|(ground_truth, _)| **ground_truth > 0.0);
+    let errors: Vec<f32> = known.map(|(ground_truth, depth)| (depth / ground_truth - 1.0).abs()).collect();
     errors.iter().filter(|error| **error < share).count() as f64 / errors.len() as f64
 }
 
@@ -57,10 +57,10 @@ fn depth_maps_get_the_size_of_their_photographs_and_come_nearer_to_the_truth() {
     assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), refined.root().display().to_string());
     let depth = pfm::read_depth(&refined.depth("0002")).unwrap();
     assert_eq!(depth.size(), SIZE);
-    let truth = &scene.views[2].depth;
+    let ground_truth = &scene.views[2].depth;
     let before =
         pfm::read_depth(&OutputFolder::new(&scene.out()).depth("0002")).unwrap().resized_nearest(SIZE);
-    let (before, after) = (right(&before, truth, 0.004), right(&depth, truth, 0.004));
+    let (before, after) = (right(&before, ground_truth, 0.004), right(&depth, ground_truth, 0.004));
     assert!(after > 0.5 && after > 1.5 * before, "{before} → {after}");
     let normals = pfm::read_rgb(&refined.normals("0002")).unwrap();
     for (normal, depth) in normals.data().iter().zip(depth.data()) {

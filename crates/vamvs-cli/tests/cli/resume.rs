@@ -87,7 +87,7 @@ fn a_draft_is_quick_is_recorded_and_gives_way_to_flags() {
 #[test]
 fn depth_maps_are_refined_to_the_size_of_their_photographs_unless_that_is_not_wanted() {
     let scene = Scene::new(256, 192, 3);
-    let truth = &scene.views[0].depth;
+    let ground_truth = &scene.views[0].depth;
     let run = |arguments: &[&str]| {
         let output =
             scene.run("depth", &[&["--weights", "photometric", "--planes", "32"], arguments].concat());
@@ -95,10 +95,10 @@ fn depth_maps_are_refined_to_the_size_of_their_photographs_unless_that_is_not_wa
         (vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap(), stderr(&output))
     };
     let share_within = |map: &vamvs::core::Grid<f32>, error: f32| {
-        let step = truth.width() / map.width();
+        let step = ground_truth.width() / map.width();
         let places = (0..map.height()).flat_map(|y| (0..map.width()).map(move |x| (x, y)));
         let right = places.filter(|&(x, y)| {
-            let expected = truth[(x * step + step / 2, y * step + step / 2)];
+            let expected = ground_truth[(x * step + step / 2, y * step + step / 2)];
             (map[(x, y)] - expected).abs() < error * expected
         });
         right.count() as f64 / map.size().area() as f64
@@ -110,10 +110,10 @@ fn depth_maps_are_refined_to_the_size_of_their_photographs_unless_that_is_not_wa
     assert!(!normals.exists());
     let (refined, said) = run(&[]);
     assert!(said.contains("3 depth maps made, 0 were there"), "{said}");
-    assert_eq!(refined.size(), truth.size());
+    assert_eq!(refined.size(), ground_truth.size());
     assert!(share(&refined) > 1.2 * share(&rough), "{} and {}", share(&refined), share(&rough));
     let facing = vamvs::io::pfm::read_rgb(&normals).unwrap();
-    assert_eq!(facing.size(), truth.size());
+    assert_eq!(facing.size(), ground_truth.size());
     assert!(run(&[]).1.contains("0 depth maps made, 3 were there"));
     // The pass with the other views' depth maps helps, and leaves nothing else behind.
     assert!(!scene.out().join("photometric").exists());
@@ -121,7 +121,7 @@ fn depth_maps_are_refined_to_the_size_of_their_photographs_unless_that_is_not_wa
     let exact = [&refined, &alone].map(|map| share_within(map, 0.001));
     assert!(exact[0] > 1.1 * exact[1], "{exact:?}");
     // Photographs for the network are smaller, depth maps are not.
-    assert_eq!(run(&["--network-size", "128"]).0.size(), truth.size());
+    assert_eq!(run(&["--network-size", "128"]).0.size(), ground_truth.size());
     let (half, _) = run(&["--max-size", "128"]);
     assert_eq!(half.size(), vamvs::core::Size::new(128, 96));
     // What is refined no longer leaves nothing behind.
@@ -132,7 +132,7 @@ fn depth_maps_are_refined_to_the_size_of_their_photographs_unless_that_is_not_wa
 #[test]
 fn iterations_are_counted_from_the_coarse_cells_of_the_network() {
     let scene = Scene::new(64, 48, 2);
-    // The default network has cells of 4: one iteration ends where the coarse map is, and refines it.
+    // The default network has a coarse stride of 4: one iteration ends where the coarse map is, and refines it.
     let map = |iterations: &str| {
         let fixed = ["--planes", "8", "--quiet", "--force", "--no-refine", "--iterations", iterations];
         expect_success(&scene.run("depth", &fixed));
@@ -146,7 +146,7 @@ fn iterations_are_counted_from_the_coarse_cells_of_the_network() {
 
 #[test]
 fn coarse_maps_of_small_photographs_have_the_colours_of_their_place() {
-    // Of 36 pixels four are lost in cells of 8, so many that the sizes would tell cells of 9.
+    // Of 36 pixels four are lost in a coarse stride of 8, so many that the sizes would tell a coarse stride of 9.
     let scene = Scene::new(36, 64, 2);
     let fixed = ["--weights", "photometric", "--iterations", "0", "--planes", "8", "--no-refine", "--quiet"];
     expect_success(&scene.run("depth", &fixed));
@@ -165,17 +165,17 @@ fn coarse_maps_of_small_photographs_have_the_colours_of_their_place() {
 #[test]
 fn enlarged_photographs_give_larger_maps_and_smaller_cells_more_that_is_right() {
     let scene = Scene::new(256, 192, 3);
-    let truth = &scene.views[0].depth;
+    let ground_truth = &scene.views[0].depth;
     let size_and_share = |arguments: &[&str]| {
         expect_success(
             &scene
                 .run("depth", &[&["--quiet", "--no-refine", "--weights", "photometric"], arguments].concat()),
         );
         let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
-        let step = truth.width() / map.width();
+        let step = ground_truth.width() / map.width();
         let places = (0..map.height()).flat_map(|y| (0..map.width()).map(move |x| (x, y)));
         let right = places.filter(|&(x, y)| {
-            let expected = truth[(x * step + step / 2, y * step + step / 2)];
+            let expected = ground_truth[(x * step + step / 2, y * step + step / 2)];
             (map[(x, y)] - expected).abs() < 0.01 * expected
         });
         (map.size(), right.count() as f64 / map.size().area() as f64)
@@ -187,7 +187,7 @@ fn enlarged_photographs_give_larger_maps_and_smaller_cells_more_that_is_right() 
     assert!(larger_share > share + 0.05, "{larger_share} and {share}");
     let (size, _) = size_and_share(&["--enlarge", "2", "--max-size", "320"]);
     assert_eq!(size, vamvs::core::Size::new(160, 120));
-    let (size, finer_share) = size_and_share(&["--cells", "4"]);
+    let (size, finer_share) = size_and_share(&["--coarse-stride", "4"]);
     assert_eq!(size, vamvs::core::Size::new(128, 96));
     assert!(finer_share > share + 0.05, "{finer_share} and {share}");
 }
@@ -196,7 +196,7 @@ fn enlarged_photographs_give_larger_maps_and_smaller_cells_more_that_is_right() 
 fn a_depth_map_that_does_not_fit_into_the_memory_becomes_smaller_and_that_is_told() {
     let scene = Scene::new(400, 300, 2);
     let size_and_words = |memory: &str| {
-        let fixed = ["--cells", "8", "--iterations", "0", "--planes", "16", "--no-refine"];
+        let fixed = ["--coarse-stride", "8", "--iterations", "0", "--planes", "16", "--no-refine"];
         let output = scene.run("depth", &[&fixed[..], &["--max-memory", memory]].concat());
         expect_success(&output);
         let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();

@@ -1,4 +1,4 @@
-//! Scenes with known truth, made by the program; killed at any moment and started again.
+//! Scenes with known ground truth, made by the program; killed at any moment and started again.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -72,7 +72,11 @@ fn wrong_input_is_told() {
     let said = error_of(&run(&["--meshes", "no such folder"]));
     assert!(said.contains("no such folder"), "{said}");
     let names = folder.path().join("names.txt");
-    write(&names, "# held out\n[a\n");
+    write(
+        &names,
+        "# hold-out
+[a\n",
+    );
     let said = error_of(&run(&["--exclude", &names.to_string_lossy()]));
     assert!(said.contains("[a"), "{said}");
     for wrong in [["--size", "64"], ["--styles", "garden"], ["--rig", "sphere"]] {

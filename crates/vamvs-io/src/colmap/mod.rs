@@ -7,6 +7,7 @@
 mod binary;
 mod camera;
 pub mod dense;
+mod files;
 pub mod model;
 mod scene;
 mod seen_by;

@@ -7,7 +7,6 @@ use std::path::Path;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3};
 use vamvs_core::{Camera, Pose, Scene, View};
 
-use super::{binary, text};
 use crate::{IoError, Place, folder};
 
 /// A sparse model.
@@ -60,63 +59,7 @@ pub struct Point {
     pub track: Vec<(u32, u32)>,
 }
 
-/// What becomes of the images' keypoints when a binary model is read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Keypoints {
-    Read,
-    Skip,
-}
-
 impl Model {
-    /// Reads the model in `folder`: the binary files if there is a `cameras.bin`, else the text files.
-    ///
-    /// Quaternions are normalised. A model without a `points3D` file has no points.
-    ///
-    /// # Errors
-    /// If a file cannot be read or is malformed, a camera's model is not supported, a pose or a camera
-    /// is none, or an image's camera does not exist.
-    pub fn read(folder: &Path) -> Result<Self, IoError> {
-        Self::read_with(folder, Keypoints::Read)
-    }
-
-    /// Reads the model in `folder` as [`Model::read`] does, but of binary files without the images' keypoints: they
-    /// are most of a model, and the tracks of the points tell who sees what.
-    ///
-    /// # Errors
-    /// As [`Model::read`].
-    pub fn read_without_keypoints(folder: &Path) -> Result<Self, IoError> {
-        Self::read_with(folder, Keypoints::Skip)
-    }
-
-    fn read_with(folder: &Path, keypoints: Keypoints) -> Result<Self, IoError> {
-        let model = if folder.join("cameras.bin").is_file() {
-            binary::read(folder, keypoints)?
-        } else if folder.join("cameras.txt").is_file() {
-            text::read(folder)?
-        } else {
-            let problem = "expected a COLMAP model with cameras.bin or cameras.txt, found neither";
-            return Err(IoError::malformed(folder, Place::Whole, problem));
-        };
-        model.check(folder)?;
-        Ok(model)
-    }
-
-    /// Writes `cameras.txt`, `images.txt` and `points3D.txt` into `folder`, which must exist.
-    ///
-    /// # Errors
-    /// If a file cannot be written.
-    pub fn write_text(&self, folder: &Path) -> Result<(), IoError> {
-        text::write(self, folder)
-    }
-
-    /// Writes `cameras.bin`, `images.bin` and `points3D.bin` into `folder`, which must exist.
-    ///
-    /// # Errors
-    /// If a file cannot be written.
-    pub fn write_binary(&self, folder: &Path) -> Result<(), IoError> {
-        binary::write(self, folder)
-    }
-
     /// The model of a scene, with a camera for each view.
     ///
     /// A scene does not keep keypoints: where a point was seen is where it projects, and a view behind
@@ -141,7 +84,7 @@ impl Model {
     }
 
     /// Checks what no reader of a single file can see.
-    fn check(&self, folder: &Path) -> Result<(), IoError> {
+    pub(super) fn check(&self, folder: &Path) -> Result<(), IoError> {
         let (mut ids, mut names) = (HashSet::new(), HashSet::new());
         for image in &self.images {
             let problem = if !self.cameras.contains_key(&image.camera_id) {

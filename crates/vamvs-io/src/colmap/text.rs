@@ -83,7 +83,7 @@ fn read_images(path: &Path) -> Result<Vec<Image>, IoError> {
     Ok(images)
 }
 
-/// The name is the rest of the line: it may have blanks.
+/// The name is the rest of the line: it may have spaces.
 fn parse_image(line: Line) -> Result<Image, IoError> {
     let mut words = line.words();
     let id = words.number("image id")?;

@@ -13,6 +13,7 @@
 use std::path::Path;
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
+use serde::{Deserialize, Serialize};
 use vamvs_core::{DepthRange, Intrinsics, Pinhole, Pose};
 
 use crate::text::WordReader;
@@ -31,7 +32,9 @@ pub struct Options {
 }
 
 /// What the first two numbers of a depth line are.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum DepthLine {
     /// By the number of words.
     #[default]
@@ -43,9 +46,11 @@ pub enum DepthLine {
 }
 
 /// Where the centre of the first pixel is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum PixelCentre {
-    /// At (0.5, 0.5): the files are read as they stand.
+    /// At (0.5, 0.5), as in COLMAP and MVSNet: the files are read as they stand.
     #[default]
     Half,
     /// At (0, 0), as in OpenCV: half a pixel is added to the principal point.

@@ -34,7 +34,7 @@ impl Coordinates {
     /// `Double` if the largest absolute coordinate is more than 100 times the cloud's extent (the
     /// largest side of its bounding box), as with UTM coordinates.
     #[must_use]
-    pub fn fitting<'a>(points: impl IntoIterator<Item = &'a CloudPoint>) -> Self {
+    pub fn for_points<'a>(points: impl IntoIterator<Item = &'a CloudPoint>) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for point in points {
             for axis in 0..3 {
@@ -60,7 +60,7 @@ impl Coordinates {
 /// # Errors
 /// If the file cannot be written; then nothing has changed.
 pub fn write(path: &Path, cloud: &[CloudPoint]) -> Result<(), IoError> {
-    let mut writer = PlyWriter::create(path, Coordinates::fitting(cloud))?;
+    let mut writer = PlyWriter::create(path, Coordinates::for_points(cloud))?;
     cloud.iter().try_for_each(|point| writer.push(point))?;
     writer.finish()
 }

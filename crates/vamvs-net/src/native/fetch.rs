@@ -6,7 +6,7 @@ use super::Level;
 use super::dot::{Corners, best_of};
 use super::transfer::Transfer;
 use crate::aggregate::UNSEEN;
-use crate::project::PixelLattice;
+use crate::project::PixelGrid;
 
 /// Levels of features.
 const LEVELS: usize = 3;
@@ -21,7 +21,7 @@ pub(crate) struct Source<'a> {
 
 /// Points whose features are sought.
 pub(crate) struct Points<'a> {
-    pub lattice: &'a PixelLattice,
+    pub pixel_grid: &'a PixelGrid,
     /// (J, h·w), in units of the nearest depth searched.
     pub depths: &'a [f32],
     /// The reference's own features of all levels at the pixels, (h·w, C₁ + C₂ + C₃).
@@ -33,8 +33,8 @@ pub(crate) struct Points<'a> {
 /// Writes the correlations of all points into the first columns of `rows`, (h·w·J, `width`), points in the order
 /// (pixel, hypothesis).
 pub(crate) fn correlations(points: &Points<'_>, sources: &[Source<'_>], rows: &mut [f32], width: usize) {
-    let columns = points.lattice.x.len();
-    let hypotheses = points.depths.len() / (columns * points.lattice.y.len());
+    let columns = points.pixel_grid.x.len();
+    let hypotheses = points.depths.len() / (columns * points.pixel_grid.y.len());
     rows.par_chunks_mut(columns * hypotheses * width).enumerate().for_each(|(y, rows)| {
         correlate_row::<1>(points, sources, (y, hypotheses), rows, width);
     });
@@ -48,8 +48,8 @@ fn correlate<const ONE: usize>(
     rows: &mut [f32],
     width: usize,
 ) {
-    let columns = points.lattice.x.len();
-    let pixels = columns * points.lattice.y.len();
+    let columns = points.pixel_grid.x.len();
+    let pixels = columns * points.pixel_grid.y.len();
     let mut rays = Vec::with_capacity(columns);
     let channels: usize =
         sources.first().map_or(0, |source| source.levels.iter().map(|level| level.channels).sum());
@@ -57,7 +57,7 @@ fn correlate<const ONE: usize>(
         row[..channels / points.group].fill(0.0);
     }
     for source in sources {
-        source.transfer.rays(points.lattice, y, &mut rays);
+        source.transfer.rays(points.pixel_grid, y, &mut rays);
         for (x, (ray, rows)) in rays.iter().zip(rows.chunks_exact_mut(hypotheses * width)).enumerate() {
             let pixel = y * columns + x;
             let reference = &points.reference[pixel * channels..][..channels];

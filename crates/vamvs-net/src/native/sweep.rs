@@ -9,7 +9,7 @@ use super::transfer::Transfer;
 use super::{Level, in_memory_mut};
 use crate::NetError;
 use crate::aggregate::UNSEEN;
-use crate::project::PixelLattice;
+use crate::project::PixelGrid;
 
 /// A source view of a sweep.
 pub(crate) struct Source<'a> {
@@ -20,7 +20,7 @@ pub(crate) struct Source<'a> {
 /// What a sweep is about.
 pub(crate) struct Swept<'a> {
     pub reference: Level<'a>,
-    pub lattice: &'a PixelLattice,
+    pub pixel_grid: &'a PixelGrid,
     /// Depths of the planes, in units of the nearest depth searched.
     pub depths: &'a [f32],
     pub groups: usize,
@@ -43,7 +43,7 @@ pub(crate) fn pooled(swept: &Swept<'_>, source: &Source<'_>) -> Result<Tensor, N
 fn pool<const G: usize>(swept: &Swept<'_>, source: &Source<'_>, y: usize, row: &mut [f32]) {
     let Level { values, width, channels, .. } = swept.reference;
     let mut rays = Vec::with_capacity(width);
-    source.transfer.rays(swept.lattice, y, &mut rays);
+    source.transfer.rays(swept.pixel_grid, y, &mut rays);
     let share = 1.0 / swept.depths.len() as f32;
     for (x, (ray, pooled)) in rays.iter().zip(row.as_chunks_mut::<G>().0.as_chunks_mut::<2>().0).enumerate() {
         let reference = &values[(y * width + x) * channels..][..channels];
@@ -99,7 +99,7 @@ fn weigh<const G: usize>(
     row.fill(0.0);
     let mut rays = Vec::with_capacity(width);
     for (source, mask) in sources.iter().zip(masks) {
-        source.transfer.rays(swept.lattice, y, &mut rays);
+        source.transfer.rays(swept.pixel_grid, y, &mut rays);
         let pixels = row.as_chunks_mut::<G>().0.iter_mut().zip(&rays);
         for (x, (sums, ray)) in pixels.enumerate() {
             let place = source.transfer.place(*ray, depth);

@@ -4,9 +4,9 @@ use vamvs_core::Size;
 use vamvs_core::homography::PixelTransfer;
 
 use crate::EncodedView;
-use crate::project::{BEHIND, PixelLattice};
+use crate::project::{BEHIND, PixelGrid};
 
-/// The transfer of a lattice of pixels into one source view, depths in units of the nearest one.
+/// The transfer of a grid of pixels into one source view, depths in units of the nearest one.
 pub(crate) struct Transfer {
     /// Rows of `K_source · R · K_reference⁻¹`.
     linear: [[f64; 3]; 3],
@@ -26,10 +26,10 @@ impl Transfer {
     }
 
     /// The rays of a row's pixels as the source sees them: those of depth d are at `d · ray + offset`.
-    pub fn rays(&self, lattice: &PixelLattice, row: usize, rays: &mut Vec<[f32; 3]>) {
-        let y = lattice.y[row];
+    pub fn rays(&self, pixel_grid: &PixelGrid, row: usize, rays: &mut Vec<[f32; 3]>) {
+        let y = pixel_grid.y[row];
         rays.clear();
-        rays.extend(lattice.x.iter().map(|x| self.linear.map(|[a, b, c]| (a * x + b * y + c) as f32)));
+        rays.extend(pixel_grid.x.iter().map(|x| self.linear.map(|[a, b, c]| (a * x + b * y + c) as f32)));
     }
 
     /// The place in the source's image, in shares of its size; `None` behind the camera.

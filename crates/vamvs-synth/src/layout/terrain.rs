@@ -36,7 +36,7 @@ impl Relief {
     }
 
     fn height(&self, x: f32, y: f32) -> f32 {
-        // Far from the lattice's origin, whose lines would show as symmetry.
+        // Far from the grid's origin, whose lines would show as symmetry.
         let place = [x / self.wavelength + 31.4, y / self.wavelength + 27.2, 0.5];
         self.amplitude * Octaves { count: 6, gain: self.roughness }.space(place, self.seed)
     }

@@ -21,7 +21,7 @@ fn shoot(world: &World, view: &(Pinhole, Pose), options: &RenderOptions, seed: u
 
 /// Green light of the pixels that show a surface.
 fn of_surfaces(shot: &Shot) -> impl Iterator<Item = f64> + '_ {
-    let pixels = shot.radiance.data().iter().zip(shot.truth.id.data());
+    let pixels = shot.radiance.data().iter().zip(shot.ground_truth.id.data());
     pixels.filter(|&(_, &id)| id > 0).map(|(light, _)| f64::from(light[1]))
 }
 
@@ -108,7 +108,7 @@ fn a_matt_sphere_under_a_lamp_and_a_sky_has_its_closed_form() {
     let shot = shoot(&world, &(camera, pose), &noisy(64, 1), 3);
     let mut compared = 0;
     for (x, y) in pixels(camera.size) {
-        let depth = f64::from(shot.truth.depth[(x, y)]);
+        let depth = f64::from(shot.ground_truth.depth[(x, y)]);
         let in_cam = camera.intrinsics.ray(&nalgebra::Vector2::new(x as f64 + 0.5, y as f64 + 0.5)) * depth;
         let point = pose.inverse().transform(&in_cam);
         let (normal, to_lamp) = ((point - centre).normalize(), Vector3::from(at_lamp) - point);
@@ -140,7 +140,7 @@ fn photographs_do_not_depend_on_the_number_of_threads() {
         pool.install(|| tracer.shoot(&camera.0, &camera.1, &RenderOptions::default(), 5))
     };
     let (one, two) = (with(1), with(2));
-    assert_eq!(one.truth, two.truth);
+    assert_eq!(one.ground_truth, two.ground_truth);
     assert_eq!(one.radiance, two.radiance);
     let other_seed = tracer.shoot(&camera.0, &camera.1, &RenderOptions::default(), 6);
     assert_ne!(one.radiance, other_seed.radiance);

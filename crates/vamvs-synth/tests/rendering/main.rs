@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 
 mod brute_force;
+mod ground_truth;
 mod light;
-mod truth;
 mod visibility;
 mod worlds;

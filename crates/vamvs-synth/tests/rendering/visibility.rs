@@ -2,7 +2,7 @@
 
 use nalgebra::{Vector2, Vector3};
 use vamvs_core::{Grid, Pinhole, Pose, Size, Visibility};
-use vamvs_synth::{Tracer, Truth, World};
+use vamvs_synth::{GroundTruth, Tracer, World};
 
 use crate::brute_force::first_hit;
 use crate::worlds::{pixels, still_life, uniform_sky, view, world};
@@ -10,12 +10,12 @@ use crate::worlds::{pixels, still_life, uniform_sky, view, world};
 struct Seen {
     camera: Pinhole,
     pose: Pose,
-    truth: Truth,
+    ground_truth: GroundTruth,
 }
 
 fn seen(tracer: &Tracer, size: Size, eye: [f64; 3]) -> Seen {
     let (camera, pose) = view(size, eye, [0.0, 0.0, 0.3]);
-    Seen { truth: tracer.truth(&camera, &pose), camera, pose }
+    Seen { ground_truth: tracer.ground_truth(&camera, &pose), camera, pose }
 }
 
 fn scene(size: Size) -> (World, Tracer, Vec<Seen>) {
@@ -27,17 +27,17 @@ fn scene(size: Size) -> (World, Tracer, Vec<Seen>) {
 }
 
 fn visibility(tracer: &Tracer, reference: &Seen, source: &Seen) -> Grid<Visibility> {
-    let depth = &reference.truth.depth;
+    let depth = &reference.ground_truth.depth;
     tracer.visibility((&reference.camera, &reference.pose, depth), (&source.camera, &source.pose))
 }
 
 fn lifted(view: &Seen, (x, y): (usize, usize)) -> Vector3<f64> {
     let ray = view.camera.intrinsics.ray(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5));
-    view.pose.inverse().transform(&(ray * f64::from(view.truth.depth[(x, y)])))
+    view.pose.inverse().transform(&(ray * f64::from(view.ground_truth.depth[(x, y)])))
 }
 
 fn by_brute_force(world: &World, reference: &Seen, source: &Seen, at: (usize, usize)) -> Visibility {
-    if reference.truth.depth[at] == 0.0 {
+    if reference.ground_truth.depth[at] == 0.0 {
         return Visibility::None;
     }
     let point = lifted(reference, at);
@@ -73,13 +73,13 @@ fn depth_between(view: &Seen, pixel: &Vector2<f64>) -> Option<f64> {
         return None;
     }
     let (left, top) = (left as usize, top as usize);
-    let surface = |x, y| Some((view.truth.id.get(x, y)?, view.truth.normal.get(x, y)?));
+    let surface = |x, y| Some((view.ground_truth.id.get(x, y)?, view.ground_truth.normal.get(x, y)?));
     let own = surface(left, top)?;
     let even = |(i, j)| surface(left + i - 1, top + j - 1) == Some(own);
     if left == 0 || top == 0 || !pixels(Size::new(4, 4)).all(even) {
         return None;
     }
-    let inverse = |i, j| 1.0 / f64::from(view.truth.depth[(left + i, top + j)]);
+    let inverse = |i, j| 1.0 / f64::from(view.ground_truth.depth[(left + i, top + j)]);
     let (s, t) = (x - x.floor(), y - y.floor());
     let along = |j| (1.0 - s) * inverse(0, j) + s * inverse(1, j);
     Some(1.0 / ((1.0 - t) * along(0) + t * along(1)))

@@ -63,7 +63,7 @@ impl Prepared {
     }
 
     /// The names of a view's depth maps, of which `name` is the finest: with `--fovea` there are coarser maps before it,
-    /// named with what their size is divided by: `NAME@8` (with cells of 8), `NAME@4`, `NAME`.
+    /// named with what their size is divided by: `NAME@8` (with a coarse stride of 8), `NAME@4`, `NAME`.
     pub(super) fn map_names(&self, view: usize, name: &str) -> Vec<String> {
         let coarser = |scale: &usize| format!("{name}@{scale}");
         match &self.plan.views[view] {

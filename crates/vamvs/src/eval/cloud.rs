@@ -42,22 +42,27 @@ pub enum CloudScores {
 }
 
 impl CloudProtocol {
-    /// Measures the PLY file `cloud` against the PLY file `truth`.
+    /// Measures the PLY file `cloud` against the PLY file `ground_truth`.
     ///
     /// # Errors
     /// If a file cannot be read or has no points, or the clouds do not fit the protocol.
-    pub fn scores(&self, cloud: &Path, truth: &Path) -> Result<CloudScores, VamvsError> {
-        let (cloud, truth) = (read(cloud)?, read(truth)?);
+    pub fn scores(&self, cloud: &Path, ground_truth: &Path) -> Result<CloudScores, VamvsError> {
+        let (cloud, ground_truth) = (read(cloud)?, read(ground_truth)?);
         let refused = |error: TooFine| VamvsError::Request(error.to_string());
         Ok(match self {
-            Self::Dtu(protocol) => CloudScores::Dtu(protocol.scores(&cloud, &truth).map_err(refused)?),
+            Self::Dtu(protocol) => CloudScores::Dtu(protocol.scores(&cloud, &ground_truth).map_err(refused)?),
             Self::Tnt { protocol, refine } => {
                 let protocol = protocol.clone();
-                let protocol =
-                    if *refine { protocol.refined(&cloud, &truth).map_err(refused)? } else { protocol };
-                CloudScores::Tnt(protocol.scores(&cloud, &truth).map_err(refused)?)
+                let protocol = if *refine {
+                    protocol.refined(&cloud, &ground_truth).map_err(refused)?
+                } else {
+                    protocol
+                };
+                CloudScores::Tnt(protocol.scores(&cloud, &ground_truth).map_err(refused)?)
             }
-            Self::Generic { thresholds } => CloudScores::Generic(compare_clouds(&cloud, &truth, thresholds)),
+            Self::Generic { thresholds } => {
+                CloudScores::Generic(compare_clouds(&cloud, &ground_truth, thresholds))
+            }
         })
     }
 }

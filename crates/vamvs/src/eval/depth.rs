@@ -50,7 +50,7 @@ pub struct SceneErrors {
     pub views: Vec<ViewErrors>,
     /// Over the pixels of all views.
     pub total: Vec<RegionErrors>,
-    /// How often pixels of each confidence are right: off by at most
+    /// How often pixels of each confidence are right, that is, have an error of at most
     /// [`RIGHT_WITHIN`](vamvs_eval::reliability::RIGHT_WITHIN). Without pixels if there are no confidences.
     pub reliability: Reliability,
 }
@@ -59,7 +59,7 @@ pub struct SceneErrors {
 #[derive(Debug)]
 pub struct DepthScene {
     prediction: Maps,
-    truth: Maps,
+    ground_truth: Maps,
     views: Vec<View>,
 }
 
@@ -75,13 +75,13 @@ struct View {
     plane: Option<PlaneUnit>,
 }
 
-/// A depth map and its truth, pixel by pixel.
+/// A depth map and its ground truth, pixel by pixel.
 #[derive(Clone, Debug)]
 pub struct ComparedMap {
     /// The depth map.
     pub map: DepthMap,
-    /// The truth under its pixels' centres; 0 where there is none.
-    pub truth: Grid<f32>,
+    /// The ground truth under its pixels' centres; 0 where there is none.
+    pub ground_truth: Grid<f32>,
     /// For each pixel whether all source views see its surface; `None` without visibility.
     pub visible: Option<Grid<Option<bool>>>,
 }
@@ -98,29 +98,29 @@ pub fn default_thresholds(planes_known: bool) -> Vec<Threshold> {
 }
 
 impl DepthScene {
-    /// The depth maps in `prediction` and the true ones in `truth`, folders in any layout of [`Maps`], of the
+    /// The depth maps in `prediction` and the true ones in `ground_truth`, folders in any layout of [`Maps`], of the
     /// views of the same names.
     ///
     /// What a plane distance is comes from the records of `vamvs depth`, unless `plane_distance` tells it, in
-    /// scene units. Source views are those of the records, else of the truth's `pair.txt`, else all others.
+    /// scene units. Source views are those of the records, else of the ground truth's `pair.txt`, else all others.
     ///
     /// # Errors
     /// If a folder has no depth maps, or they have no view in common.
     pub fn open(
         prediction: &Path,
-        truth: &Path,
+        ground_truth: &Path,
         plane_distance: Option<f64>,
         on_event: &mut OnEvent<'_>,
     ) -> Result<Self, VamvsError> {
         let prediction = Maps::open(prediction, Masks::None, on_event)?;
-        let truth = Maps::open(truth, Masks::None, on_event)?;
-        let place = |name: &String| truth.names().iter().position(|other| other == name);
+        let ground_truth = Maps::open(ground_truth, Masks::None, on_event)?;
+        let place = |name: &String| ground_truth.names().iter().position(|other| other == name);
         let view = |(predicted, name): (usize, &String)| {
             let true_map = place(name)?;
             let record = prediction.record(predicted);
             let planes = record.as_ref().and_then(|record| record.planes).map(PlaneUnit::Planes);
             let recorded = record.iter().flat_map(|record| &record.sources).filter_map(place).collect();
-            let sources = sources(&truth, true_map, recorded);
+            let sources = sources(&ground_truth, true_map, recorded);
             Some(View {
                 predicted,
                 true_map,
@@ -129,28 +129,29 @@ impl DepthScene {
             })
         };
         let views: Vec<View> = prediction.names().iter().enumerate().filter_map(view).collect();
-        let scene = Self { prediction, truth, views };
+        let scene = Self { prediction, ground_truth, views };
         scene.check(on_event)?;
         Ok(scene)
     }
 
     /// Warns of views that are left out; none at all is an error.
     fn check(&self, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
-        let (both, predicted, truth) = (self.views.len(), self.prediction.len(), self.truth.len());
+        let (both, predicted, ground_truth) =
+            (self.views.len(), self.prediction.len(), self.ground_truth.len());
         if both == 0 {
             let problem = format!(
                 "expected depth maps of views that are in {} too, such as {}; found {}",
-                self.truth.root().display(),
-                self.truth.names()[0],
+                self.ground_truth.root().display(),
+                self.ground_truth.names()[0],
                 self.prediction.names()[0]
             );
             return Err(VamvsError::Folder { path: self.prediction.root().to_owned(), problem });
         }
-        if both < predicted.max(truth) {
+        if both < predicted.max(ground_truth) {
             let text = format!(
-                "{both} views are compared: {} of {predicted} have no true depth, {} of {truth} no depth map",
+                "{both} views are compared: {} of {predicted} have no true depth, {} of {ground_truth} no depth map",
                 predicted - both,
-                truth - both
+                ground_truth - both
             );
             tell(on_event, Event::Warning(text))?;
         }
@@ -165,8 +166,8 @@ impl DepthScene {
 
     /// The true depth maps.
     #[must_use]
-    pub fn truth(&self) -> &Maps {
-        &self.truth
+    pub fn ground_truth(&self) -> &Maps {
+        &self.ground_truth
     }
 
     /// Number of views that have both.
@@ -225,7 +226,7 @@ impl DepthScene {
         let compared = self.compared(view)?;
         let pair = MapPair {
             depth: &compared.map.depth,
-            truth: &compared.truth,
+            ground_truth: &compared.ground_truth,
             visible: compared.visible.as_ref(),
             plane: self.views[view].plane,
         };
@@ -234,38 +235,39 @@ impl DepthScene {
             .add(&pair)
             .map_err(|error| VamvsError::Request(error.to_string()).of_view(self.name(view)))?;
         let mut reliability = Reliability::default();
-        outcomes(&compared.map.depth, &compared.map.confidence, &compared.truth)
+        outcomes(&compared.map.depth, &compared.map.confidence, &compared.ground_truth)
             .for_each(|(confidence, right)| reliability.add(confidence, right));
         Ok((samples, reliability))
     }
 
-    /// Reads a view's depth map and what the truth is under its pixels.
+    /// Reads a view's depth map and what the ground truth is under its pixels.
     ///
     /// # Errors
     /// If a file cannot be read, or the two are of cameras in other places.
     pub fn compared(&self, view: usize) -> Result<ComparedMap, VamvsError> {
         let View { predicted, true_map, .. } = self.views[view];
-        let (map, truth) = (self.prediction.depth_map(predicted)?, self.truth.depth_map(true_map)?);
-        self.check_poses(view, &truth)?;
-        let pixels = PixelMap::between_cameras(&map.camera, &truth.camera);
+        let (map, ground_truth) =
+            (self.prediction.depth_map(predicted)?, self.ground_truth.depth_map(true_map)?);
+        self.check_poses(view, &ground_truth)?;
+        let pixels = PixelMap::between_cameras(&map.camera, &ground_truth.camera);
         let size = map.depth.size();
-        let visible = self.visible(view, truth.depth.size())?;
+        let visible = self.visible(view, ground_truth.depth.size())?;
         Ok(ComparedMap {
-            truth: pixels.sampled(&truth.depth, size),
+            ground_truth: pixels.sampled(&ground_truth.depth, size),
             visible: visible.map(|visible| pixels.sampled(&visible, size)),
             map,
         })
     }
 
-    fn check_poses(&self, view: usize, truth: &DepthMap) -> Result<(), VamvsError> {
+    fn check_poses(&self, view: usize, ground_truth: &DepthMap) -> Result<(), VamvsError> {
         let pose = self.prediction.pose(self.views[view].predicted);
-        let moved = (pose.centre() - truth.cam_from_world.centre()).norm();
-        let turned = (pose.rotation - truth.cam_from_world.rotation).norm();
-        if moved <= SAME_POSE * median_depth(&truth.depth) && turned <= SAME_POSE {
+        let moved = (pose.centre() - ground_truth.cam_from_world.centre()).norm();
+        let turned = (pose.rotation - ground_truth.cam_from_world.rotation).norm();
+        if moved <= SAME_POSE * median_depth(&ground_truth.depth) && turned <= SAME_POSE {
             return Ok(());
         }
         let problem = format!(
-            "expected depth and truth to be of the same camera, found cameras {moved:.4} apart and turned by {:.2}°",
+            "expected depth and ground truth to be of the same camera, found cameras {moved:.4} apart and turned by {:.2}°",
             (turned / 2f64.sqrt()).to_degrees()
         );
         Err(VamvsError::Request(problem).of_view(self.name(view)))
@@ -273,11 +275,11 @@ impl DepthScene {
 
     /// Whether all source views see the surface of each true pixel, if there are visibility masks.
     fn visible(&self, view: usize, size: Size) -> Result<Option<Grid<Option<bool>>>, VamvsError> {
-        let path = self.truth.root().join("visibility").join(format!("{}.png", self.name(view)));
+        let path = self.ground_truth.root().join("visibility").join(format!("{}.png", self.name(view)));
         if !path.is_file() {
             return Ok(None);
         }
-        let tiles = visibility::read(&path, size, self.truth.len())?;
+        let tiles = visibility::read(&path, size, self.ground_truth.len())?;
         let sources = &self.views[view].sources;
         let at = |x, y| seen_by_all(sources.iter().map(|&source| tiles[source][(x, y)]));
         Ok(Some(Grid::from_fn(size, at)))
@@ -290,7 +292,7 @@ impl DepthScene {
 /// If a file cannot be read, the maps are of different shapes, or thresholds ask for plane distances and
 /// `plane_distance` does not tell them.
 pub fn compare_files(
-    [prediction, truth]: [&Path; 2],
+    [prediction, ground_truth]: [&Path; 2],
     png_step: f64,
     plane_distance: Option<f64>,
     thresholds: &[Threshold],
@@ -300,37 +302,39 @@ pub fn compare_files(
     if plane.is_none() {
         refuse_planes(thresholds, &name)?;
     }
-    let (depth, truth) = (depth::read(prediction, png_step)?, depth::read(truth, png_step)?);
+    let (depth, ground_truth) = (depth::read(prediction, png_step)?, depth::read(ground_truth, png_step)?);
     let refused =
         |error: vamvs_eval::depth::SizeMismatch| VamvsError::Request(error.to_string()).of_view(&name);
-    let pixels = PixelMap::between_sizes(depth.size(), truth.size()).map_err(refused)?;
-    let truth = pixels.sampled(&truth, depth.size());
+    let pixels = PixelMap::between_sizes(depth.size(), ground_truth.size()).map_err(refused)?;
+    let ground_truth = pixels.sampled(&ground_truth, depth.size());
     let mut samples = DepthSamples::default();
-    samples.add(&MapPair { depth: &depth, truth: &truth, visible: None, plane }).map_err(refused)?;
+    samples
+        .add(&MapPair { depth: &depth, ground_truth: &ground_truth, visible: None, plane })
+        .map_err(refused)?;
     let total = regions(&samples, thresholds);
     let views = vec![ViewErrors { view: name, regions: total.clone() }];
     Ok(SceneErrors { views, total, reliability: Reliability::default() })
 }
 
-/// Scenes by name, each with its folder of depth maps and that of the truth: the two folders themselves, or
+/// Scenes by name, each with its folder of depth maps and that of the ground truth: the two folders themselves, or
 /// their folders of the same names that hold depth maps.
 ///
 /// # Errors
 /// If there are none.
-pub fn scenes(prediction: &Path, truth: &Path) -> Result<Vec<(String, [PathBuf; 2])>, VamvsError> {
+pub fn scenes(prediction: &Path, ground_truth: &Path) -> Result<Vec<(String, [PathBuf; 2])>, VamvsError> {
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if Maps::are_at(prediction) {
-        return Ok(vec![(name(truth), [prediction.to_owned(), truth.to_owned()])]);
+        return Ok(vec![(name(ground_truth), [prediction.to_owned(), ground_truth.to_owned()])]);
     }
     let entries = std::fs::read_dir(prediction).into_iter().flatten().flatten();
-    let pair = |folder: PathBuf| (name(&folder), [folder.clone(), truth.join(name(&folder))]);
+    let pair = |folder: PathBuf| (name(&folder), [folder.clone(), ground_truth.join(name(&folder))]);
     let mut scenes: Vec<_> = entries.map(|entry| pair(entry.path())).collect();
     scenes.retain(|(_, folders)| folders.iter().all(|folder| Maps::are_at(folder)));
     scenes.sort();
     if scenes.is_empty() {
         let problem = format!(
             "expected depth maps as `vamvs depth` writes them, or folders with such, of the same names as those in {}",
-            truth.display()
+            ground_truth.display()
         );
         return Err(VamvsError::Folder { path: prediction.to_owned(), problem });
     }
@@ -364,13 +368,13 @@ fn refuse_planes(thresholds: &[Threshold], view: &str) -> Result<(), VamvsError>
 }
 
 /// Source views of a true map: the recorded ones, else those of its pairs, else all others.
-fn sources(truth: &Maps, view: usize, recorded: Vec<usize>) -> Vec<usize> {
+fn sources(ground_truth: &Maps, view: usize, recorded: Vec<usize>) -> Vec<usize> {
     if !recorded.is_empty() {
         return recorded;
     }
-    match truth.pairs() {
+    match ground_truth.pairs() {
         Some(pairs) => pairs[view].iter().map(|source| source.view).collect(),
-        None => (0..truth.len()).filter(|&other| other != view).collect(),
+        None => (0..ground_truth.len()).filter(|&other| other != view).collect(),
     }
 }
 

@@ -1,9 +1,9 @@
-//! The page of a scene against its truth: numbers, error maps, and the cloud's accuracy and completeness as
+//! The page of a scene against its ground truth: numbers, error maps, and the cloud's accuracy and completeness as
 //! pictures.
 
 use nalgebra::Vector3;
 use vamvs_core::{Cloud, CloudPoint, Size};
-use vamvs_eval::reliability::{Kept, RIGHT_WITHIN};
+use vamvs_eval::reliability::{AboveConfidence, RIGHT_WITHIN};
 use vamvs_eval::{Region, Threshold};
 use vamvs_fusion::MapSource;
 use vamvs_picture::map::{relative_errors, spread, valid};
@@ -36,7 +36,7 @@ impl SceneEvaluation {
     pub fn page(&self) -> Result<Page, VamvsError> {
         let lead = format!("{} depth maps against true ones", self.maps.len());
         let mut page =
-            Page::new(&format!("{} against truth", self.maps.prediction().root().display()), &lead);
+            Page::new(&format!("{} against ground truth", self.maps.prediction().root().display()), &lead);
         self.figures(&mut page);
         if let Some(cloud) = &self.cloud {
             self.clouds(&mut page, cloud);
@@ -76,12 +76,12 @@ impl SceneEvaluation {
             low: "0".to_owned(),
             high: format!("{} and more: twice the last threshold", length(end)),
         }]);
-        let bare = compared.truth.iter().map(bare).collect::<Vec<_>>();
+        let bare = compared.ground_truth.iter().map(bare).collect::<Vec<_>>();
         page.gallery(&[
             (&picture(&compared.cloud, Look::Colours), "The cloud"),
             (&picture(&compared.cloud, Look::Clay), "Its shape, by the normals"),
             (
-                &picture(&coloured(&compared.cloud, &compared.distances.to_truth, end), Look::Colours),
+                &picture(&coloured(&compared.cloud, &compared.distances.to_ground_truth, end), Look::Colours),
                 "Accuracy: the cloud by its distance to the true surface",
             ),
             (
@@ -104,8 +104,10 @@ impl SceneEvaluation {
             let numbers = [spread.mean, spread.median].map(length);
             [vec![what.to_owned(), spread.count.to_string()], numbers.to_vec()].concat()
         };
-        let rows =
-            [spread("cloud to truth", &errors.accuracy), spread("truth to cloud", &errors.completeness)];
+        let rows = [
+            spread("cloud to ground truth", &errors.accuracy),
+            spread("ground truth to cloud", &errors.completeness),
+        ];
         page.table(&["distance", "points", "mean", "median"], &rows);
         page.paragraph(
             "The true surface is what at least two of the true depth maps show, in points at least half of the last \
@@ -132,8 +134,8 @@ impl SceneEvaluation {
 
     fn confidence(&self, page: &mut Page) {
         let reliability = &self.scores.depth.reliability;
-        let points = |of: &dyn Fn(&Kept) -> f64| {
-            reliability.kept().iter().map(|kept| [kept.confidence, of(kept)]).collect()
+        let points = |of: &dyn Fn(&AboveConfidence) -> f64| {
+            reliability.above_confidences().iter().map(|kept| [kept.confidence, of(kept)]).collect()
         };
         let curve = |name: &str, points| Curve { name: name.to_owned(), points };
         page.heading("Confidence");
@@ -149,7 +151,7 @@ impl SceneEvaluation {
             ],
         });
         page.paragraph(&format!(
-            "A pixel is right if its depth is off by at most {}. Confidence is off by {} on average.",
+            "A pixel is right if the error of its depth is at most {}. The mean calibration error of the confidence is {}.",
             percent(RIGHT_WITHIN),
             percent(reliability.error())
         ));
@@ -170,14 +172,14 @@ impl SceneEvaluation {
     }
 
     fn strip(&self, page: &mut Page, view: usize) -> Result<(), VamvsError> {
-        let ComparedMap { map, truth, visible } = self.maps.compared(view)?;
-        let (near, far) = spread(&valid(&truth));
+        let ComparedMap { map, ground_truth, visible } = self.maps.compared(view)?;
+        let (near, far) = spread(&valid(&ground_truth));
         let mut captions = vec!["photograph", "true depth", "depth", "error", "confidence"];
         let mut parts = vec![
             self.maps.photograph(view, map.depth.size())?,
-            Scale::Turbo.paint(&valid(&truth), near, far),
+            Scale::Turbo.paint(&valid(&ground_truth), near, far),
             Scale::Turbo.paint(&valid(&map.depth), near, far),
-            Scale::Error.paint(&relative_errors(&map.depth, &truth), 0.0, ERROR_END),
+            Scale::Error.paint(&relative_errors(&map.depth, &ground_truth), 0.0, ERROR_END),
             Scale::Confidence.paint(&map.confidence.map(|&confidence| Some(confidence)), 0.0, 1.0),
         ];
         if let Some(visible) = visible {

@@ -12,7 +12,7 @@ use vamvs_io::ply;
 use super::depth::{DepthScene, SceneErrors, median_depth};
 use crate::VamvsError;
 
-/// How near to the truth a point should be by default, as shares of the scene's median depth.
+/// How near to the ground truth a point should be by default, as shares of the scene's median depth.
 const SHARES: [f64; 2] = [0.005, 0.01];
 
 /// A scene's measures.
@@ -41,7 +41,7 @@ pub struct ComparedCloud {
     /// The cloud.
     pub cloud: Cloud,
     /// Points of the true surface, evenly spread, where at least two views see it.
-    pub truth: Vec<[f64; 3]>,
+    pub ground_truth: Vec<[f64; 3]>,
     /// The distances between them.
     pub distances: CloudDistances,
     /// Distances that are too large, scene units: the last one is the most that is near.
@@ -71,20 +71,20 @@ impl SceneEvaluation {
 impl ComparedCloud {
     fn new(cloud: &Path, maps: &DepthScene, thresholds: Option<&[f64]>) -> Result<Self, VamvsError> {
         let cloud = ply::read(cloud)?;
-        let truth = maps.truth();
-        let truth: Vec<DepthMap> =
-            (0..truth.len()).map(|view| truth.depth_map(view)).collect::<Result<_, _>>()?;
-        let thresholds = thresholds.map_or_else(|| default_thresholds(&truth), <[f64]>::to_vec);
+        let ground_truth = maps.ground_truth();
+        let ground_truth: Vec<DepthMap> =
+            (0..ground_truth.len()).map(|view| ground_truth.depth_map(view)).collect::<Result<_, _>>()?;
+        let thresholds = thresholds.map_or_else(|| default_thresholds(&ground_truth), <[f64]>::to_vec);
         let widest = thresholds.last().copied().unwrap_or(0.0);
-        let truth = surface(&truth, 0.5 * widest)?;
+        let ground_truth = surface(&ground_truth, 0.5 * widest)?;
         let places: Vec<[f64; 3]> = cloud.iter().map(|point| point.x_in_world).collect();
-        let distances = CloudDistances::between(&places, &truth);
-        Ok(Self { cloud, truth, distances, thresholds })
+        let distances = CloudDistances::between(&places, &ground_truth);
+        Ok(Self { cloud, ground_truth, distances, thresholds })
     }
 }
 
-fn default_thresholds(truth: &[DepthMap]) -> Vec<f64> {
-    let mut medians: Vec<f64> = truth.iter().map(|map| median_depth(&map.depth)).collect();
+fn default_thresholds(ground_truth: &[DepthMap]) -> Vec<f64> {
+    let mut medians: Vec<f64> = ground_truth.iter().map(|map| median_depth(&map.depth)).collect();
     medians.sort_by(f64::total_cmp);
     SHARES.map(|share| share * medians[medians.len() / 2]).to_vec()
 }

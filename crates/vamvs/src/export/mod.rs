@@ -38,6 +38,7 @@ pub struct ExportOptions {
 /// A program that works on depth maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Program {
     /// `colmap/`: a dense workspace, with the cloud and the views of its points.
     Colmap,
@@ -59,6 +60,7 @@ impl Program {
 /// A format of depth maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum DepthFormat {
     /// 32 bits, rows from bottom to top.
     Pfm,

@@ -200,7 +200,7 @@ impl Maps {
             confidence: 0.0,
             views: 0,
         };
-        Coordinates::fitting(&self.scene.views.iter().map(at_camera).collect::<Vec<_>>())
+        Coordinates::for_points(&self.scene.views.iter().map(at_camera).collect::<Vec<_>>())
     }
 
     /// Reads a view's depth map.

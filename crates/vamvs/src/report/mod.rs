@@ -19,7 +19,7 @@ use crate::{Event, Maps, OutputFolder, VamvsError};
 pub use record::{FusedView, FusionRecord};
 use view::ViewPanel;
 
-/// The colours of [`ViewReport::fates`], variables of the page's style sheet.
+/// The colours of [`ViewReport::outcomes`], variables of the page's style sheet.
 const COLOURS: [&str; 7] =
     ["--lost-0", "--lost-1", "--lost-2", "--lost-3", "--lost-4", "--merged", "--points"];
 
@@ -59,7 +59,7 @@ impl<'a> Report<'a> {
         self.cloud(&mut page)?;
         self.views(&mut page, on_event)?;
         self.left_out(&mut page);
-        self.fates(&mut page);
+        self.outcomes(&mut page);
         self.settings(&mut page);
         Ok(page)
     }
@@ -144,13 +144,14 @@ impl<'a> Report<'a> {
         page.table(&["view", "why"], &self.left_out.iter().map(row).collect::<Vec<_>>());
     }
 
-    fn fates(&self, page: &mut Page) {
+    fn outcomes(&self, page: &mut Page) {
         let Some(fusion) = &self.fusion else { return };
         page.heading("What became of the pixels");
-        let fates = ViewReport::default().fates();
-        let head: Vec<&str> = ["view", "pixels"].into_iter().chain(fates.iter().map(|fate| fate.0)).collect();
+        let outcomes = ViewReport::default().outcomes();
+        let head: Vec<&str> =
+            ["view", "pixels"].into_iter().chain(outcomes.iter().map(|outcome| outcome.0)).collect();
         let row = |name: &str, pixels: &ViewReport| {
-            let counts = pixels.fates().map(|(_, count)| grouped(count));
+            let counts = pixels.outcomes().map(|(_, count)| grouped(count));
             [vec![name.to_owned(), grouped(pixels.pixels)], counts.to_vec()].concat()
         };
         let mut rows = vec![row("all views", &fusion.total())];
@@ -190,8 +191,8 @@ fn left_out(maps: &Maps, fusion: Option<&FusionRecord>) -> Result<Vec<LeftOut>, 
 /// What became of pixels, as shares.
 fn shares(pixels: &ViewReport) -> Vec<Share> {
     let share = |count: u64| count as f64 / pixels.pixels.max(1) as f64;
-    let fates = pixels.fates().into_iter().zip(COLOURS);
-    fates.map(|((what, count), colour)| Share { what, colour, share: share(count) }).collect()
+    let outcomes = pixels.outcomes().into_iter().zip(COLOURS);
+    outcomes.map(|((what, count), colour)| Share { what, colour, share: share(count) }).collect()
 }
 
 fn legend(what: &'static str, scale: Scale, low: &str, high: &str) -> Legend {

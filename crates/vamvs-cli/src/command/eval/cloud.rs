@@ -8,7 +8,7 @@ use vamvs::eval::{CloudProtocol, CloudScores};
 use vamvs::io::{dtu, tnt};
 use vamvs::measures::dtu::{DtuProtocol, DtuScores};
 use vamvs::measures::tnt::{TntProtocol, TntScores};
-use vamvs::measures::{Agreement, CloudErrors, Spread};
+use vamvs::measures::{Agreement, CloudErrors, CropVolume, Spread, VoxelMask};
 
 use super::begin;
 use super::table::Table;
@@ -17,7 +17,7 @@ use crate::arguments::{CloudPreset, DtuFlags, EvalCloudArguments, TntFlags};
 /// Runs the command.
 pub fn run(arguments: &EvalCloudArguments) -> Result<()> {
     begin(&arguments.general)?;
-    let scores = protocol(arguments)?.scores(&arguments.cloud, &arguments.truth)?;
+    let scores = protocol(arguments)?.scores(&arguments.cloud, &arguments.ground_truth)?;
     if arguments.general.json {
         println!("{}", json!(scores));
         return Ok(());
@@ -57,7 +57,7 @@ fn refuse_flags_of_others(arguments: &EvalCloudArguments) -> Result<()> {
 fn dtu_protocol(flags: &DtuFlags) -> Result<CloudProtocol> {
     let mask = flags.mask.as_ref().context("--preset dtu needs the scan's mask: --mask ObsMaskN_10.mat")?;
     let plane = flags.plane.as_ref().context("--preset dtu needs the scan's ground: --plane PlaneN.mat")?;
-    let protocol = DtuProtocol::new(dtu::read_mask(mask)?, dtu::read_plane(plane)?);
+    let protocol = DtuProtocol::new(voxel_mask(dtu::read_mask(mask)?), dtu::read_plane(plane)?);
     Ok(CloudProtocol::Dtu(DtuProtocol { seed: flags.seed.unwrap_or(0), ..protocol }))
 }
 
@@ -65,10 +65,18 @@ fn tnt_protocol(flags: &TntFlags) -> Result<CloudProtocol> {
     let align = flags.align.as_deref().map(tnt::read_alignment).transpose()?;
     let protocol = TntProtocol {
         tau: flags.tau.context("--preset tnt needs the scene's threshold: --tau, see --help")?,
-        crop: flags.crop.as_deref().map(tnt::read_volume).transpose()?,
-        truth_from_cloud: align.unwrap_or_else(Similarity::identity),
+        crop: flags.crop.as_deref().map(tnt::read_volume).transpose()?.map(crop_volume),
+        ground_truth_from_cloud: align.unwrap_or_else(Similarity::identity),
     };
     Ok(CloudProtocol::Tnt { protocol, refine: flags.icp })
+}
+
+fn voxel_mask(dtu::Mask { low, high, side, size, inside }: dtu::Mask) -> VoxelMask {
+    VoxelMask { low, high, side, size, inside }
+}
+
+fn crop_volume(tnt::Volume { axis, span, outline }: tnt::Volume) -> CropVolume {
+    CropVolume { axis, span, outline }
 }
 
 fn print_dtu(scores: &DtuScores) {
@@ -81,15 +89,18 @@ fn print_dtu(scores: &DtuScores) {
 }
 
 fn print_tnt(scores: &TntScores) {
-    println!("{} points of the cloud, {} of the truth", scores.cloud_points, scores.truth_points);
+    println!(
+        "{} points of the cloud, {} of the ground truth",
+        scores.cloud_points, scores.ground_truth_points
+    );
     print_agreement(&[scores.agreement]);
 }
 
 /// Prints distances in both directions and what is near.
 pub fn print_errors(errors: &CloudErrors) {
     let mut table = Table::new(&["distance", "mean", "median", "points"]);
-    spread_row(&mut table, "cloud to truth", &errors.accuracy);
-    spread_row(&mut table, "truth to cloud", &errors.completeness);
+    spread_row(&mut table, "cloud to ground truth", &errors.accuracy);
+    spread_row(&mut table, "ground truth to cloud", &errors.completeness);
     table.print();
     print_agreement(&errors.agreement);
 }

@@ -36,18 +36,19 @@ pub fn run(arguments: &EvalDepthArguments) -> Result<()> {
 
 /// The errors of each scene by name, at least one.
 fn errors(arguments: &EvalDepthArguments, progress: &Progress) -> Result<Vec<(String, SceneErrors)>> {
-    let EvalDepthArguments { prediction, truth, thresholds, png_step, .. } = arguments;
+    let EvalDepthArguments { prediction, ground_truth, thresholds, png_step, .. } = arguments;
     let distance = thresholds.plane_distance;
     if prediction.is_file() {
         let limits = thresholds.thresholds(distance.is_some());
-        let errors = compare_files([prediction, truth], *png_step, distance, &limits)?;
+        let errors = compare_files([prediction, ground_truth], *png_step, distance, &limits)?;
         return Ok(vec![("all".to_owned(), errors)]);
     }
-    let open = |(name, [prediction, truth]): (String, [std::path::PathBuf; 2])| {
-        let scene = DepthScene::open(&prediction, &truth, distance, &mut |event| progress.show(event))?;
+    let open = |(name, [prediction, ground_truth]): (String, [std::path::PathBuf; 2])| {
+        let scene =
+            DepthScene::open(&prediction, &ground_truth, distance, &mut |event| progress.show(event))?;
         Ok((name, scene))
     };
-    let scenes = scenes(prediction, truth)?.into_iter().map(open).collect::<Result<Vec<_>>>()?;
+    let scenes = scenes(prediction, ground_truth)?.into_iter().map(open).collect::<Result<Vec<_>>>()?;
     ensure!(!scenes.is_empty(), "{}: no scenes", prediction.display());
     let limits = thresholds.thresholds(scenes.iter().all(|(_, scene)| scene.knows_planes()));
     scenes.into_iter().map(|(name, scene)| Ok((name, scene.errors(&limits)?))).collect()

@@ -1,4 +1,4 @@
-//! `vamvs eval`: results against truth.
+//! `vamvs eval`: results against ground truth.
 
 mod cloud;
 mod depth;

@@ -21,7 +21,7 @@ use crate::heap::KeptBlocks;
 struct Measured {
     network: String,
     views: usize,
-    /// Time for a depth map: reading and encoding its views, estimating, comparing with the truth.
+    /// Time for a depth map: reading and encoding its views, estimating, comparing with the ground truth.
     seconds: f64,
     scores: Scores,
 }
@@ -39,8 +39,8 @@ pub fn run(arguments: &EvalNetworkArguments) -> Result<()> {
     let mut all = Vec::new();
     for name in &arguments.networks {
         let mut network = weights::load(Some(name), open_device(&arguments.device)?)?;
-        if let Some(cells) = arguments.cells {
-            network.set_cells(cells).context("--cells")?;
+        if let Some(stride) = arguments.coarse_stride {
+            network.set_coarse_stride(stride).context("--coarse-stride")?;
         }
         let options = EstimatorOptions::of(&network);
         let estimator = Estimator::new(network, options)?;
@@ -71,8 +71,7 @@ fn measure(
 }
 
 fn table(all: &[Measured]) -> Table {
-    let mut table =
-        Table::new(&["", "views", "stage", "", "pixels", "off by > 1 %", "within d", "within 3d"]);
+    let mut table = Table::new(&["", "views", "stage", "", "pixels", "error > 1 %", "within d", "within 3d"]);
     for measured in all {
         for (index, stage) in measured.scores.stages.iter().enumerate() {
             let name = if index == 0 { measured.network.clone() } else { String::new() };
@@ -90,12 +89,12 @@ fn rows(table: &mut Table, names: [String; 3], stage: &StageScores) {
             continue;
         }
         let share = |count| percent(scores.share(count));
-        let Region { pixels, within_d, within_3d, failures } = scores;
+        let Region { pixels, within_d, within_3d, outliers } = scores;
         let mut cells = names.take().unwrap_or_default().to_vec();
         cells.extend([
             region.to_owned(),
             pixels.to_string(),
-            share(failures),
+            share(outliers),
             share(within_d),
             share(within_3d),
         ]);

@@ -10,9 +10,10 @@ use crate::arguments::EvalSceneArguments;
 
 /// Runs the command.
 pub fn run(arguments: &EvalSceneArguments) -> Result<()> {
-    let EvalSceneArguments { out, truth, thresholds, distances, general, .. } = arguments;
+    let EvalSceneArguments { out, ground_truth, thresholds, distances, general, .. } = arguments;
     let progress = begin(general)?;
-    let maps = DepthScene::open(out, truth, thresholds.plane_distance, &mut |event| progress.show(event))?;
+    let maps =
+        DepthScene::open(out, ground_truth, thresholds.plane_distance, &mut |event| progress.show(event))?;
     let root = maps.prediction().root().to_owned();
     let default_cloud = maps.prediction().default_cloud();
     let cloud = arguments.cloud.clone().or_else(|| default_cloud.is_file().then_some(default_cloud));

@@ -1,4 +1,4 @@
-//! Depth maps enlarged to twice their size along the edges of the photograph.
+//! Joint bilateral upsampling: a depth map at twice its size, its edges those of the photograph.
 //!
 //! Where a window of a coarse map holds two surfaces, a pixel belongs to the one whose pixels look like it: its
 //! depth is the weighted median of the window's, weighted by likeness of colour and nearness. Everywhere else
@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use crate::{Grid, Rgb, Size};
+use vamvs_core::{Grid, Rgb, Size};
 
 /// Pixels of the coarse map to each side of a pixel.
 const RADIUS: usize = 2;
@@ -17,7 +17,7 @@ const DISTANCE: f32 = 1.2;
 /// Weight of a pixel of another colour.
 const LEAST: f32 = 1e-9;
 
-/// How a map is enlarged.
+/// How a map is upsampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guidance {
     /// Deviation of colours on one surface, grey values.
@@ -28,7 +28,7 @@ pub struct Guidance {
 
 /// `u`, a map of photograph `coarse`, at the size of `fine`, the same photograph at twice the size.
 #[must_use]
-pub fn enlarge(u: &Grid<f32>, coarse: &Grid<Rgb>, fine: &Grid<Rgb>, guidance: Guidance) -> Grid<f32> {
+pub fn upsample(u: &Grid<f32>, coarse: &Grid<Rgb>, fine: &Grid<Rgb>, guidance: Guidance) -> Grid<f32> {
     let mut out = Grid::filled(fine.size(), 0.0);
     let width = fine.width().max(1);
     out.data_mut().par_chunks_exact_mut(width).enumerate().for_each(|(y, row)| {
@@ -97,10 +97,10 @@ mod tests {
             _ => [230; 3],
         });
         let u = Grid::from_fn(coarse_size, |x, _| if x < 7 { 4.0 } else { 40.0 });
-        let enlarged = enlarge(&u, &coarse, &fine, GUIDANCE);
+        let upsampled = upsample(&u, &coarse, &fine, GUIDANCE);
         for y in 0..fine_size.height {
             for x in 0..fine_size.width {
-                assert_eq!(enlarged[(x, y)], if x < 13 { 4.0 } else { 40.0 }, "at {x}, {y}");
+                assert_eq!(upsampled[(x, y)], if x < 13 { 4.0 } else { 40.0 }, "at {x}, {y}");
             }
         }
     }
@@ -110,7 +110,7 @@ mod tests {
         let u = Grid::from_fn(Size::new(9, 7), |x, y| 0.2 * x as f32 + 0.1 * y as f32);
         let colours = |size| Grid::from_fn(size, |x, y| [(x * 97 + y * 31) as u8; 3]);
         let (coarse, fine) = (colours(u.size()), colours(Size::new(18, 14)));
-        assert_eq!(enlarge(&u, &coarse, &fine, GUIDANCE), u.resized_nearest(fine.size()));
+        assert_eq!(upsample(&u, &coarse, &fine, GUIDANCE), u.resized_nearest(fine.size()));
     }
 
     #[test]

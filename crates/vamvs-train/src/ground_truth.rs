@@ -8,7 +8,7 @@ const ONE_SURFACE: f32 = 0.02;
 
 /// True depths of a view and how a sample's pixels lie in them.
 #[derive(Clone, Debug)]
-pub struct Truth {
+pub struct GroundTruth {
     /// Depths as stored, 0 where unknown.
     pub depth: Grid<f32>,
     /// For each source view of the sample what it sees of the stored pixels; empty if unknown.
@@ -19,7 +19,7 @@ pub struct Truth {
     pub step: [f64; 2],
 }
 
-impl Truth {
+impl GroundTruth {
     fn stored(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [self.origin[0] + x * self.step[0], self.origin[1] + y * self.step[1]]
     }
@@ -85,9 +85,9 @@ mod tests {
     use vamvs_core::{DepthRange, Size, Spacing};
 
     /// The plane 1 / z = 0.2 + 0.0005 x + 0.001 y in image coordinates.
-    fn plane() -> Truth {
+    fn plane() -> GroundTruth {
         let inverse = |x: usize, y: usize| 0.2 + 5e-4 * (x as f64 + 0.5) + 1e-3 * (y as f64 + 0.5);
-        Truth {
+        GroundTruth {
             depth: Grid::from_fn(Size::new(12, 10), |x, y| (1.0 / inverse(x, y)) as f32),
             visibility: Vec::new(),
             origin: [2.0, 1.0],
@@ -97,31 +97,31 @@ mod tests {
 
     #[test]
     fn a_plane_is_met_exactly_between_pixels() {
-        let truth = Truth { step: [1.5, 2.0], ..plane() };
+        let ground_truth = GroundTruth { step: [1.5, 2.0], ..plane() };
         for place in [[0.5, 0.5], [1.0, 2.0], [3.21, 1.77]] {
             let exact = 1.0 / (0.2 + 5e-4 * (2.0 + 1.5 * place[0]) + 1e-3 * (1.0 + 2.0 * place[1]));
-            assert!((truth.depth_at(place).unwrap() / exact - 1.0).abs() < 1e-5);
+            assert!((ground_truth.depth_at(place).unwrap() / exact - 1.0).abs() < 1e-5);
         }
     }
 
     #[test]
     fn an_edge_is_not_smeared_and_holes_stay() {
-        let mut truth = plane();
-        truth.depth = Grid::from_fn(Size::new(12, 10), |x, _| if x < 6 { 2.0 } else { 4.0 });
-        assert_eq!(truth.depth_at([3.9, 4.5]), Some(2.0));
-        assert_eq!(truth.depth_at([4.1, 4.5]), Some(4.0));
-        truth.depth.data_mut()[4 * 12 + 6] = 0.0;
-        assert_eq!(truth.depth_at([4.5, 3.5]), None);
-        assert_eq!(truth.depth_at([-3.0, 3.5]), None);
+        let mut ground_truth = plane();
+        ground_truth.depth = Grid::from_fn(Size::new(12, 10), |x, _| if x < 6 { 2.0 } else { 4.0 });
+        assert_eq!(ground_truth.depth_at([3.9, 4.5]), Some(2.0));
+        assert_eq!(ground_truth.depth_at([4.1, 4.5]), Some(4.0));
+        ground_truth.depth.data_mut()[4 * 12 + 6] = 0.0;
+        assert_eq!(ground_truth.depth_at([4.5, 3.5]), None);
+        assert_eq!(ground_truth.depth_at([-3.0, 3.5]), None);
     }
 
     #[test]
     fn depths_beyond_the_planes_do_not_count() {
         let range = DepthRange { near: 2.0, far: 3.0 };
         let planes = Planes { range, count: 11, spacing: Spacing::Depth };
-        let mut truth = plane();
-        truth.depth = Grid::from_fn(Size::new(12, 10), |x, _| [1.9, 2.04, 2.5, 3.04, 3.2][x % 5]);
-        let us = truth.coordinates(&[0.5, 1.5, 2.5, 3.5, 4.5], &[3.5], &planes);
+        let mut ground_truth = plane();
+        ground_truth.depth = Grid::from_fn(Size::new(12, 10), |x, _| [1.9, 2.04, 2.5, 3.04, 3.2][x % 5]);
+        let us = ground_truth.coordinates(&[0.5, 1.5, 2.5, 3.5, 4.5], &[3.5], &planes);
         let wanted = [5.0, 10.4, f32::NAN, f32::NAN, 0.4]; // pixels 2, 3, 4, 5 ≡ 0, 6 ≡ 1
         for (u, wanted) in us.iter().zip(wanted) {
             assert!((u - wanted).abs() < 1e-4 || (u.is_nan() && wanted.is_nan()), "{us:?}");

@@ -148,7 +148,7 @@ mod tests {
         }
     }
 
-    /// The best of all functions that never fall on a fine lattice of values, by brute force.
+    /// The best of all functions that never fall on a fine grid of values, by brute force.
     fn brute_force(shares: &[f64]) -> f64 {
         const STEPS: usize = 60;
         let mut best = vec![0.0; STEPS + 1];

@@ -1,17 +1,17 @@
-//! What becomes of a map between the stages, for networks whose manifest asks for it: blank surfaces are
-//! completed, and larger maps keep to the photograph's edges. Neither is in the paper.
+//! Post-processing between the stages, for networks whose manifest asks for it: depth completion on textureless
+//! surfaces, and joint bilateral upsampling. Neither is in the paper.
 
-use tch::{TchError, Tensor};
-use vamvs_core::complete::{Completion, complete};
-use vamvs_core::guided::{Guidance, enlarge};
+use crate::depth_completion::{Completion, complete};
+use crate::joint_bilateral::{Guidance, upsample};
+use tch::Tensor;
 use vamvs_core::{Grid, Planes, Rgb, Spacing};
 
 use crate::coarse::PlaneMap;
-use crate::estimator::to_grid;
 use crate::point_flow::FlowStage;
+use crate::tensor_grid::{to_grid, to_tensor};
 use crate::{EncodedView, Iteration, NetError};
 
-/// A map at 1/8 with the depths that bend least where confidence is low.
+/// A map at 1/8 with depth completed where confidence is low.
 ///
 /// # Errors
 /// If memory runs out.
@@ -43,29 +43,23 @@ fn fill(
     complete(&values, confidence, image, how).map(|&v| between(&inverse, planes, v))
 }
 
-/// The map `u` that an iteration begins with: at the iteration's scale, along the photograph's edges, where `u` has
+/// The map `u` that an iteration begins with: at the iteration's scale, by joint bilateral upsampling, where `u` has
 /// twice that scale; else as it is, since only halving is guided. Depths that differ by more than the hypotheses to
 /// each side reach are of two surfaces.
 ///
 /// # Errors
 /// If memory runs out.
-pub(crate) fn enlarged(u: &Tensor, stage: &FlowStage<'_>, colour: f32) -> Result<Tensor, NetError> {
+pub(crate) fn upsampled(u: &Tensor, stage: &FlowStage<'_>, colour: f32) -> Result<Tensor, NetError> {
     let Iteration { scale, step } = stage.iteration;
     let photograph = |scale| stage.reference.photograph(scale);
     let map = to_grid(u)?;
     match (photograph(2 * scale), photograph(scale)) {
         (Some(coarse), Some(fine)) if coarse.size() == map.size() => {
             let jump = stage.network.manifest().hypotheses as f32 * step as f32;
-            Ok(to_tensor(&enlarge(&map, coarse, fine, Guidance { colour, jump }), u)?)
+            Ok(to_tensor(&upsample(&map, coarse, fine, Guidance { colour, jump }), u)?)
         }
         _ => Ok(u.shallow_clone()),
     }
-}
-
-/// A map (h, w) where `like` lives.
-fn to_tensor(map: &Grid<f32>, like: &Tensor) -> Result<Tensor, TchError> {
-    let shape = [map.height() as i64, map.width() as i64];
-    Tensor::f_from_slice(map.data())?.f_view(shape)?.f_to_device(like.device())
 }
 
 #[cfg(test)]
@@ -79,15 +73,15 @@ mod tests {
         for spacing in [Spacing::Depth, Spacing::InverseDepth] {
             let planes = Planes { range: DepthRange { near: 2.0, far: 6.0 }, count: 64, spacing };
             let wall = |x: usize, y: usize| 1.0 / (0.2 + 0.004 * x as f64 + 0.002 * y as f64);
-            let blank = |x: usize, y: usize| (8..32).contains(&x) && (6..26).contains(&y);
+            let textureless = |x: usize, y: usize| (8..32).contains(&x) && (6..26).contains(&y);
             let u = Grid::from_fn(size, |x, y| {
-                if blank(x, y) {
+                if textureless(x, y) {
                     ((x * 37 + y * 91) % 64) as f32
                 } else {
                     planes.coordinate(wall(x, y)) as f32
                 }
             });
-            let confidence = Grid::from_fn(size, |x, y| if blank(x, y) { 0.1 } else { 1.0 });
+            let confidence = Grid::from_fn(size, |x, y| if textureless(x, y) { 0.1 } else { 1.0 });
             let how = Completion { stiffness: 20.0, power: 4.0 };
             let filled = fill(&u, &confidence, &Grid::filled(size, [180; 3]), &planes, how);
             for (x, y) in [(20, 16), (9, 7), (31, 25), (2, 2)] {

@@ -1,13 +1,13 @@
-//! Surfaces completed where images are blank.
+//! Depth completion: textureless surfaces filled in between confident depths.
 //!
-//! Where nothing is to be matched, depth must come from around. The inverse depth of a plane is linear in the
-//! pixel's coordinates, so blank regions are filled with the inverse depths that bend least, between depths that
-//! are trusted: a least-squares problem with a data term weighted by confidence and second differences weighted
+//! Where there is no texture to match, depth must come from the surroundings. The inverse depth of a plane is linear in the
+//! pixel's coordinates, so textureless regions are filled with the smoothest inverse depths between confident
+//! ones: a least-squares problem with a data term weighted by confidence and second differences weighted
 //! by likeness of colour, and, again and again, by how little the surface bends there, so that edges stay.
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Grid, Rgb, Size};
+use vamvs_core::{Grid, Rgb, Size};
 
 /// How surfaces are completed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,7 +33,7 @@ const LEAST: f32 = 1e-5;
 /// Maps of a shorter side are not halved to begin with.
 const SMALLEST: usize = 16;
 
-/// The values that bend least and follow `values` where `confidence`, in [0, 1], is high. All three maps have the
+/// The smoothest values that follow `values` where `confidence`, in [0, 1], is high. All three maps have the
 /// same size; the unit of the values is the distance between hypotheses.
 #[must_use]
 pub fn complete(values: &Grid<f32>, confidence: &Grid<f32>, image: &Grid<Rgb>, how: Completion) -> Grid<f32> {
@@ -41,7 +41,7 @@ pub fn complete(values: &Grid<f32>, confidence: &Grid<f32>, image: &Grid<Rgb>, h
     solve(values, &weight, image, how.stiffness, BEND)
 }
 
-/// From coarse to fine: what is blank far and wide is filled in a few steps.
+/// From coarse to fine: large textureless regions are filled in a few steps.
 fn solve(values: &Grid<f32>, weight: &Grid<f32>, image: &Grid<Rgb>, stiffness: f32, bend: f32) -> Grid<f32> {
     let size = values.size();
     let mut x = if size.width.min(size.height) >= SMALLEST {
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_blank_wall_between_trusted_borders_is_the_plane_between_them() {
+    fn a_textureless_wall_between_trusted_borders_is_the_plane_between_them() {
         let size = Size::new(48, 36);
         let plane = |x: usize, y: usize| 5.0 + 0.4 * x as f32 - 0.2 * y as f32;
         let trusted = |x: usize, y: usize| !(6..42).contains(&x) || !(6..30).contains(&y);

@@ -3,7 +3,7 @@
 //!
 //! The default suite tries each reader a few hundred times. For a campaign of ten minutes a reader, or of
 //! so many as the variable `VAMVS_MANGLE_MINUTES` says:
-//! `cargo test --release -p vamvs-io --test mangle -- --ignored`, with the name of a reader at will.
+//! `cargo test --release -p vamvs-io --test malformed -- --ignored`, with the name of a reader at will.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -46,7 +46,7 @@ struct Reader {
 
 impl Reader {
     /// Tries `cases` damaged files.
-    fn mangle(&self, cases: u32) {
+    fn damage(&self, cases: u32) {
         let folder = tempfile::tempdir().unwrap();
         let files = (self.fixture)(folder.path());
         assert!((self.read)(folder.path()), "{}: the undamaged files are read", self.name);
@@ -75,7 +75,7 @@ impl Reader {
         let end = Instant::now() + Duration::from_secs_f64(60.0 * minutes);
         let mut rounds = 0_u32;
         while Instant::now() < end {
-            self.mangle(2000);
+            self.damage(2000);
             rounds += 1;
         }
         println!("{}: {} damaged files", self.name, 2000 * rounds);
@@ -93,7 +93,7 @@ macro_rules! readers {
             #[test]
             fn $name() {
                 let read: fn(&Path) -> bool = $read;
-                Reader { name: stringify!($name), fixture: $fixture, read, base: $base }.mangle(CASES);
+                Reader { name: stringify!($name), fixture: $fixture, read, base: $base }.damage(CASES);
             }
         )*
 

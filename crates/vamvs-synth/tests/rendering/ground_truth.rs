@@ -20,14 +20,14 @@ fn the_depth_of_a_tilted_plane_is_analytic() {
     let normal = plane.world_from_object.isometry.rotation * Vector3::z();
     let tracer = Tracer::new(&world(vec![plane], uniform_sky(1.0), vec![]));
     let (camera, pose) = view(Size::new(64, 48), [1.0, -3.0, 2.5], [0.0; 3]);
-    let truth = tracer.truth(&camera, &pose);
+    let ground_truth = tracer.ground_truth(&camera, &pose);
     for at in pixels(camera.size) {
         let (origin, direction) = central_ray(&camera, &pose, at);
         let expected = (Vector3::new(0.1, 0.2, 0.3) - origin).dot(&normal) / direction.dot(&normal);
-        let depth = f64::from(truth.depth[at]);
+        let depth = f64::from(ground_truth.depth[at]);
         assert!((depth / expected - 1.0).abs() < 2e-7, "{at:?}: {depth}, expected {expected}");
-        assert_eq!(truth.id[at], 1);
-        assert!((Vector3::from(truth.normal[at]).cast() - normal).norm() < 1e-6);
+        assert_eq!(ground_truth.id[at], 1);
+        assert!((Vector3::from(ground_truth.normal[at]).cast() - normal).norm() < 1e-6);
     }
 }
 
@@ -38,25 +38,25 @@ fn a_fine_sphere_has_the_depth_of_a_sphere_and_no_cracks() {
     let tracer = Tracer::new(&world(vec![sphere], uniform_sky(1.0), vec![]));
     let (camera, pose) = view(Size::new(400, 400), [10.0, 8.0, 6.0], centre.into());
     let camera = Pinhole { intrinsics: camera.intrinsics.scaled(6.0, 6.0).cropped(1000.0, 1000.0), ..camera };
-    let truth = tracer.truth(&camera, &pose);
+    let ground_truth = tracer.ground_truth(&camera, &pose);
     for at in pixels(camera.size) {
         let (origin, direction) = central_ray(&camera, &pose, at);
         let to_centre = centre - origin;
         let closest = to_centre.dot(&direction) / direction.norm_squared();
         let square = 1.0 - (to_centre - direction * closest).norm_squared();
-        assert_eq!(truth.id[at] == 1, square > 0.0 || truth.depth[at] > 0.0, "{at:?}");
+        assert_eq!(ground_truth.id[at] == 1, square > 0.0 || ground_truth.depth[at] > 0.0, "{at:?}");
         // Within the silhouette of the triangles, the front is met, never the back.
         if square > 2e-4 {
             assert!(
-                f64::from(truth.depth[at]) > 0.0 && f64::from(truth.depth[at]) < closest,
+                f64::from(ground_truth.depth[at]) > 0.0 && f64::from(ground_truth.depth[at]) < closest,
                 "a crack at {at:?}"
             );
         }
         if square > 0.25 {
             let expected = closest - square.sqrt() / direction.norm();
-            let error = f64::from(truth.depth[at]) / expected - 1.0;
+            let error = f64::from(ground_truth.depth[at]) / expected - 1.0;
             assert!(error.abs() < 1e-5, "{at:?}: {error:e}");
-            let normal = Vector3::from(truth.normal[at]).cast::<f64>();
+            let normal = Vector3::from(ground_truth.normal[at]).cast::<f64>();
             assert!((normal - (origin + direction * expected - centre)).norm() < 0.02);
         }
     }
@@ -73,14 +73,14 @@ fn depth_and_ids_are_those_of_brute_force_at_every_scale() {
         let world = world(objects, uniform_sky(1.0), vec![]);
         let tracer = Tracer::new(&world);
         let (camera, pose) = view(Size::new(80, 60), [2.0, -2.5, 1.6].map(|v| scale * v), [0.0; 3]);
-        let truth = tracer.truth(&camera, &pose);
+        let ground_truth = tracer.ground_truth(&camera, &pose);
         let mut off = 0;
         for at in pixels(camera.size) {
             let (origin, direction) = central_ray(&camera, &pose, at);
             let expected =
                 first_hit(&world, &origin, &direction).map_or((0.0, 0), |(t, index)| (t, index + 1));
-            let same = usize::from(truth.id[at]) == expected.1
-                && (f64::from(truth.depth[at]) - expected.0).abs() <= 1e-6 * expected.0;
+            let same = usize::from(ground_truth.id[at]) == expected.1
+                && (f64::from(ground_truth.depth[at]) - expected.0).abs() <= 1e-6 * expected.0;
             off += usize::from(!same);
         }
         // A ray along an edge may meet the one triangle or the other.
@@ -93,8 +93,8 @@ fn an_empty_world_has_no_depth() {
     let tracer = Tracer::new(&world(vec![], uniform_sky(1.0), vec![]));
     let (camera, pose) = view(Size::new(8, 6), [1.0, 1.0, 1.0], [0.0; 3]);
     let shot = tracer.shoot(&camera, &pose, &vamvs_synth::RenderOptions::default(), 1);
-    assert!(shot.truth.depth.data().iter().all(|&depth| depth == 0.0));
-    assert!(shot.truth.id.data().iter().all(|&id| id == 0));
+    assert!(shot.ground_truth.depth.data().iter().all(|&depth| depth == 0.0));
+    assert!(shot.ground_truth.id.data().iter().all(|&id| id == 0));
     assert!(shot.radiance.data().iter().flatten().all(|&light| (light - 1.0).abs() < 1e-6));
 }
 

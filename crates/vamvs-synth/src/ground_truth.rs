@@ -5,7 +5,7 @@ use vamvs_core::{Pinhole, Pose};
 
 use crate::geometry::Ray;
 use crate::pixels::fill;
-use crate::tracer::{Tracer, Truth};
+use crate::tracer::{GroundTruth, Tracer};
 
 /// A camera in the world.
 pub(crate) struct Eye<'a> {
@@ -40,7 +40,7 @@ impl Tracer {
     /// What `camera` at `cam_from_world` sees at its pixels' centres. The depth is that of the
     /// triangle's plane in double precision, rounded once.
     #[must_use]
-    pub fn truth(&self, camera: &Pinhole, cam_from_world: &Pose) -> Truth {
+    pub fn ground_truth(&self, camera: &Pinhole, cam_from_world: &Pose) -> GroundTruth {
         let eye = Eye::new(camera, cam_from_world);
         let pixels = fill(camera.size, |x, y| {
             let direction = eye.direction(x as f64 + 0.5, y as f64 + 0.5);
@@ -48,6 +48,6 @@ impl Tracer {
             let depth = hit.distance / direction.norm();
             (depth as f32, hit.object as u16 + 1, hit.normal.cast::<f32>().into())
         });
-        Truth { depth: pixels.map(|p| p.0), id: pixels.map(|p| p.1), normal: pixels.map(|p| p.2) }
+        GroundTruth { depth: pixels.map(|p| p.0), id: pixels.map(|p| p.1), normal: pixels.map(|p| p.2) }
     }
 }

@@ -1,0 +1,59 @@
+//! Reading and writing models: binary files or text files.
+
+use std::path::Path;
+
+use super::binary::Keypoints;
+use super::model::Model;
+use super::{binary, text};
+use crate::{IoError, Place};
+
+impl Model {
+    /// Reads the model in `folder`: the binary files if there is a `cameras.bin`, else the text files.
+    ///
+    /// Quaternions are normalised. A model without a `points3D` file has no points.
+    ///
+    /// # Errors
+    /// If a file cannot be read or is malformed, a camera's model is not supported, a pose or a camera
+    /// is none, or an image's camera does not exist.
+    pub fn read(folder: &Path) -> Result<Self, IoError> {
+        Self::read_with(folder, Keypoints::Read)
+    }
+
+    /// Reads the model in `folder` as [`Model::read`] does, but of binary files without the images' keypoints: they
+    /// are most of a model, and the tracks of the points tell who sees what.
+    ///
+    /// # Errors
+    /// As [`Model::read`].
+    pub fn read_without_keypoints(folder: &Path) -> Result<Self, IoError> {
+        Self::read_with(folder, Keypoints::Skip)
+    }
+
+    fn read_with(folder: &Path, keypoints: Keypoints) -> Result<Self, IoError> {
+        let model = if folder.join("cameras.bin").is_file() {
+            binary::read(folder, keypoints)?
+        } else if folder.join("cameras.txt").is_file() {
+            text::read(folder)?
+        } else {
+            let problem = "expected a COLMAP model with cameras.bin or cameras.txt, found neither";
+            return Err(IoError::malformed(folder, Place::Whole, problem));
+        };
+        model.check(folder)?;
+        Ok(model)
+    }
+
+    /// Writes `cameras.txt`, `images.txt` and `points3D.txt` into `folder`, which must exist.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write_text(&self, folder: &Path) -> Result<(), IoError> {
+        text::write(self, folder)
+    }
+
+    /// Writes `cameras.bin`, `images.bin` and `points3D.bin` into `folder`, which must exist.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write_binary(&self, folder: &Path) -> Result<(), IoError> {
+        binary::write(self, folder)
+    }
+}
