@@ -122,7 +122,7 @@ fn gradients_of_every_stage_are_those_of_finite_differences() {
                     let stage =
                         estimator.flow_stage(&views[0], &sources, &planes, &given.visibility, iteration);
                     let first = 8 / iteration.scale / 2;
-                    loss(&stage.refine_lattice((first, 0), &given.map.u, &mut Profile::default()).unwrap().u)
+                    loss(&stage.refine_phase((first, 0), &given.map.u, &mut Profile::default()).unwrap().u)
                 });
             }
         }

@@ -4,6 +4,7 @@
 //! at depth maps and clouds is in `vamvs-checks`, which is built with the `vamvs` command.
 
 mod bench;
+mod book;
 mod check;
 mod dist;
 mod files;
@@ -34,6 +35,7 @@ enum Command {
     Test(test::Test),
     Dist(dist::Dist),
     Wheel(python::Wheel),
+    Book(book::Book),
     Bench(bench::Bench),
     Fuzz(fuzz::Fuzz),
     /// Render a PLY cloud to a PNG, seen from where most of its surface is visible.
@@ -56,6 +58,7 @@ fn main() -> ExitCode {
         Command::Test(test) => test.run(),
         Command::Dist(dist) => dist.run(),
         Command::Wheel(wheel) => wheel.run(),
+        Command::Book(book) => book.run(),
         Command::Bench(bench) => bench.run(),
         Command::Fuzz(fuzz) => fuzz.run(),
         Command::Demo(check) => check.run("demo"),

@@ -5,10 +5,10 @@ use std::time::Instant;
 use anyhow::Result;
 use clap::Args;
 
-use crate::step::run;
-use crate::{cargo, python, setup};
+use crate::step::{run, target};
+use crate::{book, cargo, python, setup};
 
-/// Check everything: formatting, lints, tests, documentation, the Python package, the build without libtorch.
+/// Check everything: formatting, lints, tests, documentation, the book, the Python package, the build without libtorch.
 ///
 /// Sets up libtorch first, if need be.
 #[derive(Args)]
@@ -23,6 +23,7 @@ impl Test {
         run("test", &mut cargo(&["test", "--workspace"]))?;
         run("document", cargo(&["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))?;
         python::test()?;
+        book::build(&target()?.join("debug").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX)))?;
         test_without_libtorch()?;
         println!("all is well, after {:.0} s", start.elapsed().as_secs_f64());
         Ok(())

@@ -1,4 +1,4 @@
-//! What the command line understands. Flags that are not given leave the configuration as it is.
+//! Arguments of the command line. Flags that are not given leave the configuration as it is.
 
 #[cfg(feature = "net")]
 mod calibrate;
@@ -33,7 +33,7 @@ pub use synth::{AssetFlags, SynthArguments};
 #[cfg(feature = "net")]
 pub use train::{SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
 
-/// Photographs with known cameras in, depth maps and one dense, coloured cloud out.
+/// Dense multi-view stereo: photographs with known cameras to depth maps and one coloured point cloud.
 #[derive(Debug, Parser)]
 #[command(name = "vamvs", version, arg_required_else_help = true, max_term_width = 100)]
 pub struct Arguments {
@@ -45,50 +45,50 @@ pub struct Arguments {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Photographs and cameras → depth maps → one cloud.
+    /// Make depth maps and one cloud from photographs and cameras.
     #[cfg(feature = "net")]
     #[command(after_help = RECONSTRUCT_EXAMPLES)]
     Reconstruct(ReconstructArguments),
-    /// Photographs and cameras → depth maps only.
+    /// Make depth maps from photographs and cameras.
     #[cfg(feature = "net")]
     #[command(after_help = "Example:\n  vamvs depth --colmap sparse/0 --images images --out out")]
     Depth(DepthArguments),
-    /// Depth maps → depth maps of the photographs' full size, with normals.
+    /// Refine depth maps to the full resolution of their photographs, with normals.
     #[command(after_help = refine::EXAMPLES)]
     Refine(RefineArguments),
-    /// Depth maps → one cloud: filter and merge.
+    /// Fuse depth maps into one cloud.
     #[command(after_help = FUSE_EXAMPLES)]
     Fuse(FuseArguments),
-    /// A run on one page: depth maps, cameras, cloud, and what became of the pixels.
+    /// Write a report of a run: depth maps, cameras, cloud, and the pixels that each filter removed.
     #[command(
         after_help = "Example:\n  vamvs report out        writes out/report.html, for any browser, offline too"
     )]
     Report(ReportArguments),
-    /// Scenes with exact depth and visibility, to train and test with.
+    /// Render synthetic scenes with exact depth and visibility.
     #[command(after_help = synth::EXAMPLES)]
     Synth(SynthArguments),
-    /// Weights of a network from scenes with true depth.
+    /// Train a network on scenes with ground truth.
     #[cfg(feature = "net")]
     #[command(after_help = train::EXAMPLES)]
     Train(TrainArguments),
-    /// A network whose confidence is the share of depths that are right.
+    /// Calibrate the confidence of a network: make it the share of depths that are right.
     #[cfg(feature = "net")]
     #[command(after_help = calibrate::EXAMPLES)]
     Calibrate(CalibrateArguments),
-    /// Results against ground truth: depth maps, clouds, whole scenes.
+    /// Compare depth maps, clouds or whole scenes with ground truth.
     #[command(after_help = eval::EXAMPLES)]
     Eval(EvalArguments),
-    /// What a file or folder is: weights, cloud, depth map, COLMAP model; or `device`.
+    /// Describe a file or folder: weights, cloud, depth map, COLMAP model; or the `device`.
     #[command(
         after_help = "Examples:\n  vamvs info weights/photometric.pt\n  vamvs info out/fused.ply\n  vamvs info sparse/0\n  vamvs info device"
     )]
     Info(InfoArguments),
-    /// Completions for a shell, on standard output.
+    /// Print completions for a shell.
     #[command(
         after_help = "Example:\n  vamvs completions bash > ~/.local/share/bash-completion/completions/vamvs"
     )]
     Completions(CompletionsArguments),
-    /// The manual, as pages for `man`.
+    /// Print the manual, or write it as pages for `man`.
     #[command(after_help = "Examples:\n  vamvs man | man -l -\n  vamvs man ~/.local/share/man/man1")]
     Man(ManArguments),
 }
@@ -137,7 +137,7 @@ pub struct ReconstructArguments {
     /// Fusion.
     #[command(flatten)]
     pub fusion: FusionFlags,
-    /// What other programs get.
+    /// Exports for other programs.
     #[command(flatten)]
     pub export: ExportFlags,
     /// Write no OUT/report.html.
@@ -155,13 +155,13 @@ pub struct DepthArguments {
     /// How depth is estimated.
     #[command(flatten)]
     pub depth: DepthFlags,
-    /// What every command has.
+    /// Flags of every command.
     #[command(flatten)]
     pub common: CommonFlags,
     /// Folder for depth maps, cloud and settings [default: that of the --config run.toml, else vamvs-out].
     #[arg(short, long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Make depth maps anew even if they are there already.
+    /// Make depth maps again even if they exist already.
     #[arg(long)]
     pub force: bool,
 }
@@ -195,13 +195,13 @@ pub struct FuseArguments {
     /// How depth maps are filtered.
     #[command(flatten)]
     pub fusion: FusionFlags,
-    /// What other programs get.
+    /// Exports for other programs.
     #[command(flatten)]
     pub export: ExportFlags,
-    /// Write no report.html beside the depth maps; there is none for a cloud elsewhere anyway.
+    /// Write no report.html next to the depth maps. (A cloud in another folder gets none.)
     #[arg(long)]
     pub no_report: bool,
-    /// What every command has.
+    /// Flags of every command.
     #[command(flatten)]
     pub common: CommonFlags,
 }
@@ -256,32 +256,32 @@ pub struct DepthFlags {
     /// auto, cpu, cuda or cuda:N [default: auto].
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
-    /// What a run takes and gives; other flags change parts of it [default: normal].
+    /// Trade-off between time and quality; other flags override parts of it [default: normal].
     #[arg(long, value_enum, conflicts_with = "preview")]
     pub quality: Option<Quality>,
-    /// What --quality draft was called.
+    /// The former name of --quality draft.
     #[arg(long, hide = true)]
     pub preview: bool,
-    /// Longer side to which larger photographs are reduced, pixels: the size of depth maps [default: 2000].
+    /// Larger photographs are reduced to this longer side, pixels; depth maps have the same size [default: 2000].
     #[arg(long, value_name = "PIXELS")]
     pub max_size: Option<usize>,
-    /// Longer side to which the network sees larger photographs reduced, pixels [default: 800].
+    /// The network sees larger photographs reduced to this longer side, pixels [default: 800].
     #[arg(long, value_name = "PIXELS")]
     pub network_size: Option<usize>,
-    /// Depth maps as the network gives them, a fraction of their photographs' size, without normals.
+    /// Write the network's own depth maps, smaller than their photographs and without normals.
     #[arg(long)]
     pub no_refine: bool,
-    /// Depth maps refined by the photographs alone, not once more with the depth maps of the source views.
+    /// Refine depth maps with the photographs alone, without the second pass, which uses the source views' depth maps.
     #[arg(long)]
     pub no_geometric: bool,
-    /// Smaller photographs are enlarged up to so many times, but not beyond --max-size, and depth maps with them; 2
-    /// takes four times the time [default: 1].
+    /// Enlarge smaller photographs, and their depth maps, by up to this factor, but not beyond --max-size; 2 takes four
+    /// times as long [default: 1].
     #[arg(long, value_name = "TIMES")]
     pub enlarge: Option<f64>,
-    /// Pixels with red, green and blue all below LEVEL, of 255, count as masked: a black backdrop [default: 0, none].
+    /// Mask out pixels with red, green and blue all below LEVEL (of 255): a black backdrop [default: 0, none].
     #[arg(long, value_name = "LEVEL")]
     pub min_brightness: Option<u8>,
-    /// Pixels with red, green and blue all above LEVEL, of 255, count as masked: a white backdrop, but highlights too
+    /// Mask out pixels with red, green and blue all above LEVEL (of 255): a white backdrop, but highlights too
     /// [default: 255, none].
     #[arg(long, value_name = "LEVEL")]
     pub max_brightness: Option<u8>,
@@ -289,71 +289,71 @@ pub struct DepthFlags {
     /// takes three times as long [default: the network's, 4 for vis-max, 8 for photometric].
     #[arg(long, alias = "cells", value_name = "PIXELS")]
     pub coarse_stride: Option<usize>,
-    /// Views compared for a depth map, the reference included; beyond five only those that share at least 0.3
-    /// as much with it as the best one [default: 5].
+    /// Number of views for a depth map, the reference view included. Beyond five, a source view is used only if its score
+    /// is at least 0.3 times the best one [default: 5].
     #[arg(long, value_name = "N")]
     pub views: Option<usize>,
-    /// Depth planes of the sweep [default: from the cameras, about one every 4 pixels].
+    /// Number of planes of the plane sweep [default: from the cameras, about one every 4 pixels of disparity].
     #[arg(long, value_name = "N")]
     pub planes: Option<usize>,
-    /// Most planes chosen by default [default: 192].
+    /// Upper limit of the number of planes chosen from the cameras [default: 192].
     #[arg(long, value_name = "N")]
     pub max_planes: Option<usize>,
-    /// What is uniform between planes [default: inverse-depth if the range is wide, else depth].
+    /// Spacing of the planes [default: inverse-depth if the depth range is wide, else depth].
     #[arg(long, value_enum)]
     pub spacing: Option<Spacing>,
     /// Depth range of all views, scene units [default: each view's own].
     #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"])]
     pub depth_range: Option<Vec<f64>>,
-    /// How many of the network's flow iterations to run, the later the finer [default: all].
+    /// Number of flow iterations; later ones are finer [default: all that the network has].
     #[arg(long, value_name = "N")]
     pub iterations: Option<usize>,
-    /// Depth only in this box of the world.
+    /// Region of interest: depth only inside of this box in world coordinates.
     #[arg(long, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_negative_numbers = true)]
     pub roi: Option<Vec<f64>>,
-    /// Depth outside of the box of --roi too, but coarsely, and finely only in it: one cloud of several
-    /// densities, in less time. Coarser maps are called NAME@8 (with a coarse stride of 8) and NAME@4.
+    /// Foveated depth: fine inside of --roi, coarse outside; one cloud of several densities, in less time. Coarser
+    /// maps are called NAME@8 (at a stride of 8) and NAME@4.
     #[arg(long)]
     pub fovea: bool,
 }
 
-/// What other programs get, beside the cloud.
+/// Exports for other programs.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Export")]
 pub struct ExportFlags {
-    /// For these programs, each in a folder of its name: colmap (dense workspace for stereo_fusion,
+    /// Export for these programs, each into a folder of its name: colmap (dense workspace for stereo_fusion,
     /// poisson_mesher, delaunay_mesher), openmvs (scene.mvs, .dmap, scene_dense.ply).
     #[arg(long, value_enum, value_name = "PROGRAM", value_delimiter = ',')]
     pub export: Option<Vec<Program>>,
-    /// Depth maps in these formats too, in depths/.
+    /// Also write depth maps in these formats, in depths/.
     #[arg(long, value_enum, value_name = "FORMAT", value_delimiter = ',')]
     pub depth_format: Option<Vec<DepthFormat>>,
-    /// Depth of one step of a 16-bit PNG, scene units [default: a round number, told in png-step.txt].
+    /// Depth of one grey level of a 16-bit PNG, scene units [default: a round number, written to png-step.txt].
     #[arg(long, value_name = "DEPTH")]
     pub png_step: Option<f64>,
 }
 
-/// What every command has.
+/// Flags of every command.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "General")]
 pub struct CommonFlags {
-    /// Settings from a TOML file, such as OUT/run.toml; flags win.
+    /// Read settings from a TOML file, such as OUT/run.toml; flags override them.
     #[arg(long, value_name = "FILE.toml")]
     pub config: Option<PathBuf>,
-    /// Threads [default: one a core].
+    /// Number of threads [default: one per core].
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
-    /// The most memory to take, such as 2GiB, 500MB or 50% of the machine's [default: 70%]. Results do not depend
-    /// on it, unless a depth map would take more: then photographs are reduced, with a warning.
+    /// Limit of resident memory: 2GiB, 500MB, or 50% of what is available [default: 70%]. Results do not depend on it,
+    /// unless a single depth map needs more: then photographs are reduced, with a warning.
     #[arg(long, value_name = "SIZE")]
     pub max_memory: Option<MemoryLimit>,
-    /// Call it an error, with exit code 1, if a view is left out.
+    /// Treat a view that is left out as an error (exit code 1).
     #[arg(long)]
     pub strict: bool,
     /// Print nothing but errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
-    /// Print more: what was chosen for each view (source views, depth range, planes), and all times.
+    /// Print the source views, depth range and planes of each view, and all times.
     #[arg(short, long, conflicts_with = "quiet")]
     pub verbose: bool,
     /// Print a summary as JSON on standard output.

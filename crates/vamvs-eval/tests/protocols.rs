@@ -7,6 +7,7 @@ use vamvs_core::Similarity;
 use vamvs_eval::dtu::DtuProtocol;
 use vamvs_eval::icp::transformed;
 use vamvs_eval::tnt::TntProtocol;
+use vamvs_eval::{CropVolume, VoxelMask};
 
 /// A level square of points, `step` apart, from the origin on.
 fn square(side: u32, step: f64, z: f64) -> Vec<[f64; 3]> {

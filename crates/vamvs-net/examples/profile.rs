@@ -1,4 +1,4 @@
-//! Time of one depth map, stage by stage: `profile MODULE WIDTH HEIGHT VIEWS PLANES [CELLS]`.
+//! Time of one depth map, stage by stage: `profile MODULE WIDTH HEIGHT VIEWS PLANES [COARSE_STRIDE]`.
 
 use nalgebra::Vector3;
 use vamvs_core::{DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Pose, Size, Spacing};
@@ -10,7 +10,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (size, views, count) = (Size::new(number(1)?, number(2)?), number(3)?, number(4)?);
     let mut network = Network::load(arguments[0].as_ref(), Device::Cpu)?;
     if arguments.len() > 5 {
-        network.set_cells(number(5)?)?;
+        network.set_coarse_stride(number(5)?)?;
     }
     let loaded = peak_mib();
     let options = EstimatorOptions::of(&network);

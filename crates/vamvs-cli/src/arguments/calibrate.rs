@@ -1,4 +1,4 @@
-//! What `vamvs calibrate` understands.
+//! The arguments of `vamvs calibrate`.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ what came of it.";
 /// `calibrate`.
 #[derive(Debug, Args)]
 pub struct CalibrateArguments {
-    /// Scenes with true depths that the network was not trained with.
+    /// Scenes with ground truth that the network was not trained on.
     #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
     pub data: Vec<PathBuf>,
     /// The network.
@@ -24,19 +24,19 @@ pub struct CalibrateArguments {
     /// The calibrated network.
     #[arg(short, long, value_name = "FILE.pt")]
     pub out: PathBuf,
-    /// A page with the reliability before and after.
+    /// Write a page with reliability diagrams before and after.
     #[arg(long, value_name = "FILE.html")]
     pub page: Option<PathBuf>,
     /// Reference views, spread evenly over the scenes.
     #[arg(long, value_name = "N", default_value_t = 40)]
     pub references: usize,
-    /// Views compared for a depth map, as with `vamvs depth --views`.
+    /// Number of views for a depth map, as with `vamvs depth --views`.
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub views: usize,
     /// auto, cpu, cuda or cuda:N.
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub device: String,
-    /// Threads [default: one a core].
+    /// Threads [default: one per core].
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
     /// Print the result as JSON.

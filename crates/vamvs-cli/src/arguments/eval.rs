@@ -1,4 +1,4 @@
-//! What `vamvs eval` understands.
+//! The arguments of `vamvs eval`.
 
 use std::path::PathBuf;
 
@@ -25,13 +25,13 @@ pub struct EvalArguments {
 /// What can be measured.
 #[derive(Debug, Subcommand)]
 pub enum EvalCommand {
-    /// Depth maps against true ones.
+    /// Compare depth maps with true ones.
     Depth(EvalDepthArguments),
-    /// A cloud against points of the true surface.
+    /// Compare a cloud with points of the true surface.
     Cloud(EvalCloudArguments),
-    /// Depth maps and cloud of a scene against its true depth maps, with a page that shows the errors.
+    /// Compare depth maps and cloud of a scene with its true depth maps; write a page of the errors.
     Scene(EvalSceneArguments),
-    /// Networks on scenes with true depth: after each stage, and by what the source views see.
+    /// Measure networks on scenes with ground truth, after each stage, and by visibility in the source views.
     #[cfg(feature = "net")]
     Network(EvalNetworkArguments),
 }
@@ -45,13 +45,13 @@ pub struct EvalDepthArguments {
     /// The same of the ground truth: depths/, cams/, images/, and perhaps visibility/ and pair.txt.
     #[arg(value_name = "GROUND_TRUTH")]
     pub ground_truth: PathBuf,
-    /// How near is near.
+    /// Thresholds.
     #[command(flatten)]
     pub thresholds: DepthThresholdFlags,
-    /// Depth of one step of a 16-bit PNG, scene units.
+    /// Depth of one grey level of a 16-bit PNG, scene units.
     #[arg(long, value_name = "DEPTH", default_value_t = 0.001)]
     pub png_step: f64,
-    /// How results are told.
+    /// General flags.
     #[command(flatten)]
     pub general: EvalGeneralFlags,
 }
@@ -65,10 +65,10 @@ pub struct EvalCloudArguments {
     /// Points of the true surface.
     #[arg(value_name = "GROUND_TRUTH.ply")]
     pub ground_truth: PathBuf,
-    /// Whose protocol.
+    /// The protocol.
     #[arg(long, value_enum, default_value_t = CloudPreset::Generic)]
     pub preset: CloudPreset,
-    /// generic: distances that are near, scene units.
+    /// generic: distance thresholds, scene units.
     #[arg(long, value_name = "DISTANCE,…", value_delimiter = ',', value_parser = positive)]
     pub thresholds: Vec<f64>,
     /// dtu.
@@ -77,7 +77,7 @@ pub struct EvalCloudArguments {
     /// tnt.
     #[command(flatten)]
     pub tnt: TntFlags,
-    /// How results are told.
+    /// General flags.
     #[command(flatten)]
     pub general: EvalGeneralFlags,
 }
@@ -87,9 +87,9 @@ pub struct EvalCloudArguments {
 pub enum CloudPreset {
     /// Distances in both directions, and shares within --thresholds.
     Generic,
-    /// DTU's: thinned to 0.2 mm, mask, ground plane, distances below 20 mm.
+    /// DTU: thinned to 0.2 mm, mask, ground plane, distances below 20 mm.
     Dtu,
-    /// That of Tanks and Temples: aligned, cropped, voxels of τ/2, precision and recall at τ.
+    /// Tanks and Temples: aligned, cropped, voxels of τ/2, precision and recall at τ.
     Tnt,
 }
 
@@ -116,13 +116,13 @@ pub struct TntFlags {
     /// Meetingroom 0.01, Truck 0.005.
     #[arg(long, value_name = "DISTANCE", value_parser = positive)]
     pub tau: Option<f64>,
-    /// The part of the ground truth that counts.
+    /// The crop volume of the ground truth (SCENE.json).
     #[arg(long, value_name = "SCENE.json")]
     pub crop: Option<PathBuf>,
-    /// The transform from the cloud to the ground truth, 4×4 numbers [default: none, the frames are the same].
+    /// The transform from the cloud to the ground truth, 4×4 numbers [default: identity].
     #[arg(long, value_name = "FILE")]
     pub align: Option<PathBuf>,
-    /// Improve the alignment on the clouds (ICP with scale, in the benchmark's three steps).
+    /// Refine the alignment (ICP with scale, in the benchmark's three steps).
     #[arg(long)]
     pub icp: bool,
 }
@@ -153,16 +153,16 @@ pub struct EvalSceneArguments {
     /// The cloud [default: OUT/fused.ply, if it is there].
     #[arg(long, value_name = "FILE.ply")]
     pub cloud: Option<PathBuf>,
-    /// Distances of the cloud that are near, ascending, scene units [default: 0.5 and 1 % of the median depth].
+    /// Distance thresholds for the cloud, ascending, scene units [default: 0.5 and 1 % of the median depth].
     #[arg(long, value_name = "DISTANCE,…", value_delimiter = ',', value_parser = positive)]
     pub distances: Option<Vec<f64>>,
     /// The page to write [default: OUT/eval.html].
     #[arg(long, value_name = "FILE.html")]
     pub html: Option<PathBuf>,
-    /// How near is near.
+    /// Thresholds.
     #[command(flatten)]
     pub thresholds: DepthThresholdFlags,
-    /// How results are told.
+    /// General flags.
     #[command(flatten)]
     pub general: EvalGeneralFlags,
 }
@@ -174,36 +174,36 @@ pub struct EvalNetworkArguments {
     /// The networks: names of built-in ones, or files.
     #[arg(value_name = "NAME|FILE.pt", required = true)]
     pub networks: Vec<PathBuf>,
-    /// Scenes with true depths, or folders of such: of `vamvs synth`, BlendedMVS, DTU's training set.
+    /// Scenes with ground truth, or folders of such: of `vamvs synth`, BlendedMVS, DTU's training set.
     #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
     pub data: Vec<PathBuf>,
-    /// Views compared for a depth map, as with `vamvs depth --views`; several: one after the other.
+    /// Number of views for a depth map, as with `vamvs depth --views`; several values are measured in turn.
     #[arg(long, value_name = "N", num_args = 1.., default_values_t = [5])]
     pub views: Vec<usize>,
     /// Reference views, spread evenly over the scenes.
     #[arg(long, value_name = "N", default_value_t = 16)]
     pub references: usize,
-    /// Longer side to which photographs are reduced.
+    /// Larger photographs are reduced to this longer side, pixels.
     #[arg(long, value_name = "PIXELS", default_value_t = 512)]
     pub max_size: usize,
-    /// Most planes; the range is a tenth wider than the ground truth's.
+    /// Upper limit of the number of planes; the depth range is a tenth wider than the true one.
     #[arg(long, value_name = "N", default_value_t = 96)]
     pub max_planes: usize,
     /// Stride of the coarse depth map, 8 or 4 pixels [default: each network's own].
     #[arg(long, alias = "cells", value_name = "PIXELS")]
     pub coarse_stride: Option<usize>,
-    /// Weigh views by the scenes' true visibility instead of the network's (vis-var, an experiment).
+    /// Weight views by the true visibility instead of the network's (an experiment with vis-var).
     #[arg(long)]
     pub true_visibility: bool,
     /// auto, cpu, cuda or cuda:N.
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub device: String,
-    /// How results are told.
+    /// General flags.
     #[command(flatten)]
     pub general: EvalGeneralFlags,
 }
 
-/// How near a depth must be.
+/// Thresholds of the error of depth.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Thresholds")]
 pub struct DepthThresholdFlags {
@@ -216,16 +216,16 @@ pub struct DepthThresholdFlags {
     /// In distances of the sweep's planes [default: 1,3, if no threshold is given and the distance is known].
     #[arg(long, value_name = "N,…", value_delimiter = ',', value_parser = positive)]
     pub planes: Vec<f64>,
-    /// A plane distance, scene units [default: as depths/NAME.json tells].
+    /// Distance of the planes, scene units [default: from depths/NAME.json].
     #[arg(long, value_name = "DEPTH", value_parser = positive)]
     pub plane_distance: Option<f64>,
 }
 
-/// How results are told.
+/// General flags.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "General")]
 pub struct EvalGeneralFlags {
-    /// Threads [default: one a core].
+    /// Threads [default: one per core].
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
     /// Print nothing but results, errors and warnings.

@@ -8,39 +8,39 @@ use vamvs::fusion::PointSpacing;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Fusion")]
 pub struct FusionFlags {
-    /// A set of thresholds; other flags change them.
+    /// A set of thresholds; other flags override them.
     #[arg(long, value_enum)]
     pub preset: Option<Preset>,
-    /// How it is decided whether other views confirm a point [default: dynamic].
+    /// Rule of geometric consistency: which points other views confirm [default: dynamic].
     #[arg(long, value_enum, value_name = "RULE")]
     pub consistency: Option<Consistency>,
-    /// Views that must agree on a point, its own included [default: dynamic 2, classic 3].
+    /// Number of views that must agree on a point, its own included [default: dynamic 2, classic 3].
     #[arg(long, value_name = "N")]
     pub min_views: Option<usize>,
-    /// dynamic: what the votes for a point times the number of voters must come to; a vote is at most 1 [default: 0.6].
+    /// dynamic: threshold of the sum of votes times the number of voters; a vote is at most 1 [default: 0.6].
     #[arg(long, value_name = "VOTES")]
     pub min_support: Option<f32>,
-    /// dynamic: what a view that sees through a point takes away from its votes; 0 for nothing
+    /// dynamic: what each free-space violation (a view that sees through the point) subtracts from the votes
     /// [default: 0.25].
     #[arg(long, value_name = "VOTES")]
     pub contradiction: Option<f32>,
-    /// How far a pixel may come back from itself by way of another view, pixels of the depth map [default: 1].
+    /// Largest reprojection error, into another view and back, pixels of the depth map [default: 1].
     #[arg(long, value_name = "PIXELS")]
     pub max_reprojection: Option<f32>,
-    /// How much the depth that comes back may differ, as a share [default: 0.01].
+    /// Largest relative difference of the depth that is projected back [default: 0.01].
     #[arg(long, value_name = "SHARE")]
     pub max_relative_depth: Option<f32>,
-    /// Least confidence of the final depth, 0 to 1 [default: 0.1].
+    /// Photometric filter: least confidence of the final depth, 0 to 1 [default: 0.1].
     #[arg(long, value_name = "SHARE")]
     pub confidence: Option<f32>,
-    /// Least confidence of the coarse depth, 0 to 1 [default: 0.2].
+    /// Photometric filter: least confidence of the coarse depth, 0 to 1 [default: 0.2].
     #[arg(long, value_name = "SHARE")]
     pub coarse_confidence: Option<f32>,
-    /// Other views asked whether they agree with a view's depth [default: 10].
+    /// Number of source views that a view is checked against [default: 10].
     #[arg(long, value_name = "N")]
     pub neighbours: Option<usize>,
-    /// How far apart points are at least: a distance in scene units, or pixels as in 2px [default: every place once, as
-    /// dense as the view that sees it in most detail].
+    /// Least distance between points: in scene units, or in pixels as in 2px [default: as dense as the view that sees a
+    /// surface in most detail].
     #[arg(long, value_name = "DISTANCE|PIXELSpx", value_parser = point_spacing)]
     pub point_spacing: Option<PointSpacing>,
 }

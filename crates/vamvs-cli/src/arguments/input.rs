@@ -18,7 +18,7 @@ pub struct InputFlags {
     /// nerfstudio or instant-ngp: transforms.json, or its folder.
     #[arg(long, value_name = "FILE", group = "scene")]
     pub nerfstudio: Option<PathBuf>,
-    /// Bundler: bundle.out, with list.txt beside it or above.
+    /// Bundler: bundle.out, with list.txt in its folder or the one above.
     #[arg(long, value_name = "FILE", group = "scene")]
     pub bundler: Option<PathBuf>,
     /// VisualSFM: an .nvm file.
@@ -27,23 +27,23 @@ pub struct InputFlags {
     /// OpenMVS: an interface file .mvs of undistorted images.
     #[arg(long, value_name = "FILE", group = "scene")]
     pub openmvs: Option<PathBuf>,
-    /// Folder of photographs [default: where the scene's file says; needed for --cams and --colmap].
+    /// Folder of photographs [default: as the scene's file says; required with --cams and --colmap].
     #[arg(long, value_name = "DIR")]
     pub images: Option<PathBuf>,
-    /// MVSNet layout: source views [default: pair.txt in or beside --cams; else chosen from the cameras].
+    /// MVSNet layout: source views [default: pair.txt in or next to --cams; else chosen from the cameras].
     #[arg(long, value_name = "FILE")]
     pub pairs: Option<PathBuf>,
-    /// Folder of masks: NAME.png or NAME.EXT.png, 0 = ignore [default: those that the scene's file tells,
-    /// else masks/ beside the photographs].
+    /// Folder of masks: NAME.png or NAME.EXT.png, 0 = ignore [default: those that the scene's file names,
+    /// else masks/ next to the photographs].
     #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
     /// Use no masks but the photographs' own alpha channels.
     #[arg(long, conflicts_with = "masks")]
     pub no_masks: bool,
-    /// MVSNet layout: what the first two numbers of the depth line are [default: auto].
+    /// MVSNet layout: meaning of the first two numbers of the depth line [default: auto].
     #[arg(long, value_enum)]
     pub depth_line: Option<DepthLine>,
-    /// MVSNet layout: where the principal point is counted from [default: half].
+    /// MVSNet layout: convention of pixel centres [default: half].
     #[arg(long, value_enum)]
     pub pixel_centre: Option<PixelCentre>,
 }

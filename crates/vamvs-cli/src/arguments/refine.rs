@@ -22,22 +22,22 @@ pub struct RefineArguments {
     /// Folder of depth maps, as for `vamvs fuse`.
     #[arg(value_name = "DEPTHS")]
     pub depths: PathBuf,
-    /// The scene with the photographs; without it those beside the depth maps.
+    /// The scene with the photographs [default: those next to the depth maps].
     #[command(flatten)]
     pub input: InputFlags,
-    /// Folder for refined depth maps [default: refined/ beside the depth maps].
+    /// Folder for refined depth maps [default: refined/ next to the depth maps].
     #[arg(short, long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Longer side to which larger photographs are reduced, pixels: depth maps get the same size [default: 2000].
+    /// Larger photographs are reduced to this longer side, pixels; depth maps get the same size [default: 2000].
     #[arg(long, value_name = "PIXELS")]
     pub max_size: Option<usize>,
-    /// Views compared for a depth map, the reference included [default: 5].
+    /// Number of views for a depth map, the reference view included [default: 5].
     #[arg(long, value_name = "N")]
     pub views: Option<usize>,
-    /// Match photographs alone, without the depth maps of other views: in less time, with more outliers.
+    /// Use the photographs alone, without the second pass: faster, with more outliers.
     #[arg(long)]
     pub no_geometric: bool,
-    /// Refine anew what is there already.
+    /// Refine again what exists already.
     #[arg(long)]
     pub force: bool,
     /// What every command has.

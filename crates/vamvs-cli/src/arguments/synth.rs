@@ -1,4 +1,4 @@
-//! What `vamvs synth` understands.
+//! The arguments of `vamvs synth`.
 
 use std::path::PathBuf;
 
@@ -23,19 +23,19 @@ pub struct SynthArguments {
     /// Folder of the set; a scene is OUT/scene-NNNNN.
     #[arg(short, long, value_name = "DIR")]
     pub out: PathBuf,
-    /// How many scenes.
+    /// Number of scenes.
     #[arg(long, value_name = "N", default_value_t = 4)]
     pub scenes: u64,
     /// Number of the first scene.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub first: u64,
-    /// Other seeds, other scenes.
+    /// Seed of the random numbers.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// What scenes are, in turn [default: all].
+    /// Styles of the scenes, in turn [default: all].
     #[arg(long, value_name = "STYLE,…", value_delimiter = ',', value_parser = styles())]
     pub styles: Vec<Style>,
-    /// Make complete scenes of other options anew instead of refusing to.
+    /// Replace scenes that were made with other options.
     #[arg(long)]
     pub force: bool,
     /// How photographs are taken.
@@ -53,22 +53,22 @@ pub struct SynthArguments {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Photographs")]
 pub struct PhotographFlags {
-    /// How cameras stand; mixed is another way in each scene.
+    /// Arrangement of the cameras; mixed draws one for each scene.
     #[arg(long, value_enum, default_value_t = RigChoice::Dome)]
     pub rig: RigChoice,
-    /// Cameras of a scene.
+    /// Number of cameras of a scene.
     #[arg(long, value_name = "N", default_value_t = 9)]
     pub views: usize,
     /// Size of the photographs, pixels.
     #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = parse_size)]
     pub size: Size,
-    /// Light paths a pixel [default: 8].
+    /// Light paths per pixel [default: 8].
     #[arg(long, value_name = "N")]
     pub samples: Option<usize>,
-    /// Keep normals, in normals/NAME.pfm.
+    /// Write normals too, in normals/NAME.pfm.
     #[arg(long)]
     pub normals: bool,
-    /// No blur, noise, vignetting, nor differences of exposure and white balance.
+    /// Photographs without blur, noise, vignetting, and differences of exposure and white balance.
     #[arg(long)]
     pub no_effects: bool,
 }
@@ -86,10 +86,10 @@ pub struct AssetFlags {
     /// Folder of panoramas of light, .hdr or .exr [default: procedural ones].
     #[arg(long, value_name = "DIR")]
     pub environments: Option<PathBuf>,
-    /// Leave out the assets of these names, one a line; * and ? stand for anything.
+    /// Leave out the assets named in this file, one per line; * and ? are wildcards.
     #[arg(long, value_name = "FILE")]
     pub exclude: Option<PathBuf>,
-    /// Use the assets of these names only.
+    /// Use only the assets named in this file.
     #[arg(long, value_name = "FILE")]
     pub only: Option<PathBuf>,
 }
@@ -98,7 +98,7 @@ pub struct AssetFlags {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "General")]
 pub struct GeneralFlags {
-    /// Threads [default: one a core].
+    /// Threads [default: one per core].
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
     /// Print nothing but errors and warnings.
@@ -109,7 +109,7 @@ pub struct GeneralFlags {
     pub json: bool,
 }
 
-/// How cameras stand.
+/// Arrangement of the cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RigChoice {
     /// Spread over a cap of a dome.

@@ -1,4 +1,4 @@
-//! What `vamvs train` understands.
+//! The arguments of `vamvs train`.
 
 use std::path::PathBuf;
 
@@ -20,13 +20,13 @@ models/README.md tells how to export an untrained network.";
 /// `train`.
 #[derive(Debug, Args)]
 pub struct TrainArguments {
-    /// Scenes with true depths, or folders of such: of `vamvs synth`, BlendedMVS, DTU's training set.
+    /// Scenes with ground truth, or folders of such: of `vamvs synth`, BlendedMVS, DTU's training set.
     #[arg(long, value_name = "DIR", num_args = 1.., required = true)]
     pub data: Vec<PathBuf>,
-    /// Scenes to measure with.
+    /// Scenes to validate on.
     #[arg(long, value_name = "DIR", num_args = 1..)]
     pub validation: Vec<PathBuf>,
-    /// The network to begin with: an untrained one, or one to be tuned.
+    /// The network to start from, untrained or trained.
     #[arg(long, value_name = "FILE.pt")]
     pub network: PathBuf,
     /// Folder of the run.
@@ -44,7 +44,7 @@ pub struct TrainArguments {
     /// auto, cpu, cuda or cuda:N.
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub device: String,
-    /// Threads [default: one a core].
+    /// Threads [default: one per core].
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
     /// Print nothing but errors and warnings.
@@ -59,50 +59,50 @@ pub struct TrainArguments {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Training")]
 pub struct TrainingFlags {
-    /// Values for all that is not given.
+    /// Defaults of all other flags.
     #[arg(long, value_enum, default_value_t = TrainPreset::Compact)]
     pub preset: TrainPreset,
     /// Steps of the optimiser [default: 40000].
     #[arg(long, value_name = "N")]
     pub steps: Option<usize>,
-    /// Steps at the beginning for the coarse part alone [default: a tenth; paper: a sixth].
+    /// Steps at the beginning that train the coarse part alone [default: a tenth; paper: a sixth].
     #[arg(long, value_name = "N")]
     pub coarse_steps: Option<usize>,
-    /// Train the flow alone, on coarse maps as the network makes them, normalisation as in use.
+    /// Train the flow alone, on the network's own coarse maps, with normalisation as at inference.
     #[arg(long, conflicts_with_all = ["coarse_steps", "freeze_norm_after"])]
     pub flow_alone: bool,
-    /// Steps after which normalisation keeps its statistics, as in use [default: half; paper: never].
+    /// Step after which normalisation uses its running statistics, as at inference [default: half; paper: never].
     #[arg(long, value_name = "N")]
     pub freeze_norm_after: Option<usize>,
-    /// Samples a step [default: 2; paper: 4].
+    /// Samples per step [default: 2; paper: 4].
     #[arg(long, value_name = "N")]
     pub batch: Option<usize>,
-    /// How weights follow the gradient [default: adam-w; paper: rms-prop].
+    /// The optimiser [default: adam-w; paper: rms-prop].
     #[arg(long, value_enum)]
     pub optimizer: Option<Rule>,
     /// The learning rate after the warm-up [default: 1e-3; paper: 5e-4].
     #[arg(long, value_name = "RATE")]
     pub learning_rate: Option<f64>,
-    /// Steps over which the learning rate grows from nothing [default: 500; paper: 0].
+    /// Steps of linear warm-up of the learning rate [default: 500; paper: 0].
     #[arg(long, value_name = "N")]
     pub warm_up: Option<usize>,
     /// Weight decay [default: 0.01; paper: 0.001].
     #[arg(long, value_name = "SHARE")]
     pub weight_decay: Option<f64>,
-    /// Largest norm of a gradient, 0 for any [default: 1; paper: 0].
+    /// Largest norm of the gradient (clipping), 0 for none [default: 1; paper: 0].
     #[arg(long, value_name = "NORM")]
     pub clip: Option<f64>,
     /// Weight of the supervised visibility of vis-var [default: 0.01].
     #[arg(long, value_name = "WEIGHT")]
     pub visibility_weight: Option<f64>,
-    /// Flow does not learn where the depth before is wrong by more than this many times its reach; 0: it
-    /// learns everywhere [default: 2; paper: 0].
+    /// The flow does not learn where the error of the depth before is more than this many times its reach; 0: it learns
+    /// everywhere [default: 2; paper: 0].
     #[arg(long, value_name = "TIMES")]
     pub flow_reach: Option<f64>,
     /// Weight of the cross entropy of the coarse stage's planes; 0: equation 8 alone [default: 1; paper: 0].
     #[arg(long, value_name = "WEIGHT")]
     pub cross_entropy: Option<f64>,
-    /// Other seeds, other samples [default: 0].
+    /// Seed of the random numbers [default: 0].
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
 }
@@ -111,13 +111,13 @@ pub struct TrainingFlags {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Samples")]
 pub struct SampleFlags {
-    /// Size of the cut-outs, multiples of 8 [default: 256 192; paper: 640 512].
+    /// Size of the crops, multiples of 8 [default: 256 192; paper: 640 512].
     #[arg(long, num_args = 2, value_names = ["WIDTH", "HEIGHT"])]
     pub crop: Option<Vec<usize>>,
     /// Fewest and most views, the reference included [default: 2 5; paper: 3 3].
     #[arg(long, num_args = 2, value_names = ["FEWEST", "MOST"])]
     pub views: Option<Vec<usize>>,
-    /// Most planes [default: 64; paper: 48].
+    /// Upper limit of the number of planes [default: 64; paper: 48].
     #[arg(long, value_name = "N")]
     pub max_planes: Option<usize>,
     /// Smallest scale to which photographs are reduced [default: 0.5; paper: 1].
@@ -126,13 +126,13 @@ pub struct SampleFlags {
     /// Largest change of the ends of the depth range, as a logarithm [default: 0.25; paper: 0].
     #[arg(long, value_name = "LOG")]
     pub range_jitter: Option<f64>,
-    /// Deviation of the errors of the sources' cameras, pixels [default: 0.3; paper: 0].
+    /// Standard deviation of the errors of the source cameras, pixels [default: 0.3; paper: 0].
     #[arg(long, value_name = "PIXELS")]
     pub camera_noise: Option<f64>,
-    /// Photographs as they are, as with the paper's preset: no change of colours, exposure, sharpness, no noise.
+    /// No augmentation of the photographs (colours, exposure, sharpness, noise), as in the paper.
     #[arg(long)]
     pub no_augmentation: bool,
-    /// Weigh views by the scenes' true visibility instead of the network's (vis-var, an experiment).
+    /// Weight views by the true visibility instead of the network's (an experiment with vis-var).
     #[arg(long)]
     pub true_visibility: bool,
 }
@@ -141,10 +141,10 @@ pub struct SampleFlags {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Watching")]
 pub struct WatchingFlags {
-    /// Steps between measurements.
+    /// Steps between validations.
     #[arg(long, value_name = "N", default_value_t = 1000)]
     pub validate_every: usize,
-    /// Reference views that are measured.
+    /// Reference views of a validation.
     #[arg(long, value_name = "N", default_value_t = 16)]
     pub validation_views: usize,
     /// Minutes between checkpoints.
@@ -152,13 +152,13 @@ pub struct WatchingFlags {
     pub checkpoint_minutes: f64,
 }
 
-/// Values for all that is not given.
+/// Defaults of all other flags.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum TrainPreset {
-    /// Small cut-outs, many steps.
+    /// Small crops, many steps.
     Compact,
     /// The paper's training: two flow iterations (s = 0.75 and 0.375), no augmentation. Not as in the paper: samples of
     /// a batch come one after the other, so that batch normalisation sees one at a time; photographs larger than the
-    /// cut-outs are cut; planes span each view's own depth range.
+    /// crops are cropped; planes span each view's own depth range.
     Paper,
 }

@@ -267,7 +267,7 @@ fn nonsense_on_the_command_line_is_refused() {
         (&["--planes", "1"], "from 8 to 2048"),
         (&["--max-size", "5"], "at least 64"),
         (&["--enlarge", "0.5"], "from 1 to 8"),
-        (&["--coarse-stride", "16"], "a coarse stride of 16 pixels"),
+        (&["--coarse-stride", "16"], "a coarse stride of 16"),
         (&["--depth-range", "5", "2"], "near"),
         (&["--roi", "0", "0", "0", "0", "1", "1"], "--roi"),
         (&["--device", "abacus"], "abacus"),

@@ -4,6 +4,8 @@
 
 #[cfg(feature = "net")]
 mod bad_input;
+#[cfg(all(unix, feature = "net"))]
+mod documents;
 mod eval;
 mod exchange;
 #[cfg(feature = "net")]
