@@ -75,7 +75,7 @@ fn occurs(line: &str, word: &str) -> bool {
     let is_part = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
     line.match_indices(word).any(|(at, _)| {
         let (before, after) = (&line[..at], &line[at + word.len()..]);
-        let is_term = word == "truth" && before.ends_with("ground ");
+        let is_term = word == "truth" && (before.ends_with("ground ") || before.ends_with("ground-"));
         !is_part(before.chars().next_back()) && !is_part(after.chars().next()) && !is_term
     })
 }
