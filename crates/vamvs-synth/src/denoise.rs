@@ -6,8 +6,7 @@ use nalgebra::Vector3;
 use vamvs_core::Grid;
 
 use crate::colour::luminance;
-use crate::pixel::{Estimate, Pixel, PixelSurface};
-use crate::pixels::fill;
+use crate::pixel::{Estimate, Pixel, PixelSurface, fill};
 
 /// How one kind of light is smoothed.
 struct Strength {

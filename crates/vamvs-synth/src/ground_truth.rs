@@ -4,7 +4,7 @@ use nalgebra::{Vector2, Vector3};
 use vamvs_core::{Pinhole, Pose};
 
 use crate::geometry::Ray;
-use crate::pixels::fill;
+use crate::pixel::fill;
 use crate::tracer::{GroundTruth, Tracer};
 
 /// A camera in the world.

@@ -18,7 +18,6 @@ mod overlap;
 mod path;
 pub mod pattern;
 mod pixel;
-mod pixels;
 pub mod primitive;
 mod random;
 pub mod recipe;

@@ -5,7 +5,7 @@ use rand_pcg::Pcg64;
 use vamvs_core::{Grid, Rgb, Size};
 
 use crate::noise::{Octaves, grid_value, lerp, plane, smooth};
-use crate::pixels::fill;
+use crate::pixel::fill;
 
 /// The grain on everything.
 const GRAIN: Octaves = Octaves { count: 2, gain: 1.0 };

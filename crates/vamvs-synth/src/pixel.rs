@@ -1,6 +1,8 @@
-//! What the light paths of a pixel come to.
+//! The means over the light paths of a pixel, and grids of pixels filled by many threads.
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
+use vamvs_core::{Grid, Size};
 
 /// The mean over the paths of a pixel.
 #[derive(Clone, Copy, Debug, Default)]
@@ -41,4 +43,11 @@ impl Pixel {
     pub fn radiance(&self) -> Vector3<f32> {
         self.background + self.albedo.component_mul(&self.diffuse.mean) + self.specular.mean
     }
+}
+
+/// Fills each pixel with `value(x, y)`, rows in parallel.
+pub(crate) fn fill<T: Send>(size: Size, value: impl Fn(usize, usize) -> T + Sync) -> Grid<T> {
+    let row = |y| (0..size.width).map(|x| value(x, y)).collect::<Vec<T>>();
+    let rows: Vec<Vec<T>> = (0..size.height).into_par_iter().map(row).collect();
+    Grid::from_vec(size, rows.into_iter().flatten().collect())
 }

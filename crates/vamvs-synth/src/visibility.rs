@@ -3,7 +3,7 @@
 use vamvs_core::{Grid, Pinhole, Pose, Visibility, depth_map::is_valid};
 
 use crate::ground_truth::Eye;
-use crate::pixels::fill;
+use crate::pixel::fill;
 use crate::tracer::Tracer;
 
 /// What is nearer than this share of the distance before a point touches it rather than hides it: room

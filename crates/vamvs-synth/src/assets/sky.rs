@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 use vamvs_core::{Grid, Size};
 
 use crate::noise::{Octaves, lerp, smooth};
-use crate::pixels::fill;
+use crate::pixel::fill;
 
 /// The size of the map.
 const SIZE: Size = Size::new(512, 256);
