@@ -8,12 +8,12 @@ use nalgebra::{Rotation3, Vector3};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, DepthRange, Photo, Planes, Pose, Size, Spacing};
 use vamvs_io::image::resize;
-use vamvs_net::cost_volume::{CostVolume, Swept, costs, sweep};
+use vamvs_net::cost_volume::{CostVolume, SweepInputs, costs, sweep};
 use vamvs_net::tch::{self, Kind, Tensor};
 use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Iteration, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
 
-const AGGREGATIONS: [&str; 6] = ["avg", "max", "var", "vis-avg", "vis-max", "vis-var"];
+const AGGREGATIONS: [&str; 7] = ["avg", "max", "var", "vis-avg", "vis-max", "vis-var", "weights/vis-corr"];
 
 /// A small untrained network, or one of the shipped ones in `weights/`.
 fn module(name: &str) -> Network {
@@ -130,8 +130,8 @@ fn swept<'a>(
     sources: &'a [&'a EncodedView],
     planes: &'a Planes,
     level: usize,
-) -> Swept<'a> {
-    Swept { network, reference, sources, planes, level, slab_bytes: usize::MAX }
+) -> SweepInputs<'a> {
+    SweepInputs { network, reference, sources, planes, level, slab_bytes: usize::MAX }
 }
 
 /// The volume of the paper's networks is never whole; what is regularised slab by slab is as if it were.
@@ -150,7 +150,7 @@ fn a_volume_that_is_never_whole_gives_the_costs_of_a_whole_one() {
                 let whole = swept(&network, &encoded[0], &sources, &planes, level);
                 let expected = network.regularize(&sweep(&whole, None).unwrap().volume).unwrap();
                 for slab_bytes in [1, 100_000, usize::MAX] {
-                    let cut = Swept { slab_bytes, ..whole };
+                    let cut = SweepInputs { slab_bytes, ..whole };
                     let found = costs(&cut, None, &mut Profile::default()).unwrap().costs;
                     let difference = (&found - &expected).abs().max().double_value(&[]);
                     let largest = expected.abs().max().double_value(&[]);

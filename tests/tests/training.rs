@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use vamvs_core::{Grid, Planes, Size, Spacing, Visibility};
 use vamvs_io::pfm;
-use vamvs_net::cost_volume::{Swept, sweep};
+use vamvs_net::cost_volume::{SweepInputs, sweep};
 use vamvs_net::tch::{self, Kind, Tensor};
 use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Mode, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
@@ -340,7 +340,7 @@ fn views_can_be_weighted_by_the_true_visibility() {
     assert!(masks[0].equal(&left.ones_like()) && masks[1].equal(&left), "{:?}", masks[1]);
     let swept = |seen| {
         let sources: Vec<_> = views[1..].iter().collect();
-        let swept = Swept {
+        let swept = SweepInputs {
             network: estimator.network(),
             reference: &views[0],
             sources: &sources,

@@ -7,8 +7,8 @@ use crate::{Intrinsics, Lens, Size};
 
 /// A camera as calibrated: size, linear part and lens.
 ///
-/// Geometry never works with this type directly: [`crate::undistort`] turns it into a [`Pinhole`]
-/// together with its photograph, so that a distortion cannot be ignored by accident.
+/// [`crate::undistort`] turns it into a [`Pinhole`] together with its photograph. Depth estimation and fusion take
+/// [`Pinhole`]s only, so that a distortion cannot be ignored by accident.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
     /// The size of the image in pixels.

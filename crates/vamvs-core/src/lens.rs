@@ -8,7 +8,7 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-/// A lens: how normalised image coordinates (x/z, y/z) are bent.
+/// A lens: how normalised image coordinates (x/z, y/z) are distorted.
 ///
 /// The two distorting variants cover COLMAP's SIMPLE_RADIAL, RADIAL, OPENCV and FULL_OPENCV
 /// (all special cases of [`Lens::Rational`]) and OPENCV_FISHEYE ([`Lens::Fisheye`]).
@@ -40,7 +40,7 @@ const STEPS: usize = 100;
 impl Lens {
     /// Whether the lens changes anything.
     #[must_use]
-    pub fn bends(&self) -> bool {
+    pub fn distorts(&self) -> bool {
         match self {
             Self::None => false,
             Self::Rational { k, p } => k.iter().chain(p).any(|&v| v != 0.0),
@@ -52,20 +52,20 @@ impl Lens {
     /// folds over.
     #[must_use]
     pub fn distort(&self, x: &Vector2<f64>) -> Option<Vector2<f64>> {
-        self.bend(x).map(|(bent, _)| bent)
+        self.distort_with_jacobian(x).map(|(distorted, _)| distorted)
     }
 
     /// The largest squared radius of normalised points up to which the model is one-to-one, at most `limit`. It is found
     /// by bisection; who distorts many points asks once and then calls [`Lens::distort_within`].
     #[must_use]
-    pub fn valid_up_to(&self, limit: f64) -> f64 {
-        if self.is_one_to_one_up_to(limit) {
+    pub fn max_squared_radius(&self, limit: f64) -> f64 {
+        if self.is_one_to_one_within(limit) {
             return limit;
         }
         let (mut valid, mut folded) = (0.0, limit);
         for _ in 0..STEPS {
             let middle = 0.5 * (valid + folded);
-            *(if self.is_one_to_one_up_to(middle) { &mut valid } else { &mut folded }) = middle;
+            *(if self.is_one_to_one_within(middle) { &mut valid } else { &mut folded }) = middle;
         }
         valid
     }
@@ -74,28 +74,32 @@ impl Lens {
     /// it.
     #[must_use]
     pub fn distort_within(&self, x: &Vector2<f64>, valid: f64) -> Option<Vector2<f64>> {
-        (x.norm_squared() <= valid).then(|| self.bend_inside(x))?.map(|(bent, _)| bent)
+        (x.norm_squared() <= valid).then(|| self.distort_inside(x))?.map(|(distorted, _)| distorted)
     }
 
-    /// The normalised point that the lens shows at `bent`: the inverse of [`Lens::distort`] to 1e-10.
+    /// The normalised point that the lens shows at `distorted`: the inverse of [`Lens::distort`] to 1e-10.
     ///
     /// `None` if there is none, as outside of the image of a strongly curved lens.
     #[must_use]
-    pub fn undistort(&self, bent: &Vector2<f64>) -> Option<Vector2<f64>> {
-        let mut x = self.start(bent)?;
-        let (mut image, mut jacobian) = self.bend(&x)?;
+    pub fn undistort(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
+        let mut x = self.start(distorted)?;
+        let (mut image, mut jacobian) = self.distort_with_jacobian(&x)?;
         for _ in 0..STEPS {
-            let Some(step) = jacobian.try_inverse().map(|inverse| inverse * (bent - image)) else { break };
-            let Some((next, bend)) = self.descend(&x, &step, bent, (bent - image).norm()) else { break };
-            (x, (image, jacobian)) = (next, bend);
+            let Some(step) = jacobian.try_inverse().map(|inverse| inverse * (distorted - image)) else {
+                break;
+            };
+            let Some((next, at_next)) = self.descend(&x, &step, distorted, (distorted - image).norm()) else {
+                break;
+            };
+            (x, (image, jacobian)) = (next, at_next);
         }
-        ((bent - image).norm() <= RESIDUAL).then_some(x)
+        ((distorted - image).norm() <= RESIDUAL).then_some(x)
     }
 
-    /// A point of the lens's domain on the ray to `bent`.
-    fn start(&self, bent: &Vector2<f64>) -> Option<Vector2<f64>> {
-        let halvings = std::iter::successors(Some(*bent), |x| Some(x * 0.5));
-        halvings.take(STEPS).find(|x| self.bend(x).is_some())
+    /// A point of the lens's domain on the ray to `distorted`.
+    fn start(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
+        let halvings = std::iter::successors(Some(*distorted), |x| Some(x * 0.5));
+        halvings.take(STEPS).find(|x| self.distort_with_jacobian(x).is_some())
     }
 
     /// The longest of the steps `step`, `step / 2`, … that stays in the domain and lessens the
@@ -104,24 +108,24 @@ impl Lens {
         &self,
         x: &Vector2<f64>,
         step: &Vector2<f64>,
-        bent: &Vector2<f64>,
+        distorted: &Vector2<f64>,
         residual: f64,
-    ) -> Option<(Vector2<f64>, Bend)> {
+    ) -> Option<(Vector2<f64>, Distorted)> {
         let steps = std::iter::successors(Some(*step), |step| Some(step * 0.5)).take(40);
         steps.map(|step| x + step).find_map(|next| {
-            let bend = self.bend(&next)?;
-            ((bent - bend.0).norm() < residual).then_some((next, bend))
+            let at_next = self.distort_with_jacobian(&next)?;
+            ((distorted - at_next.0).norm() < residual).then_some((next, at_next))
         })
     }
 
     /// The distorted point and the Jacobian of the distortion; `None` outside of the domain.
-    fn bend(&self, x: &Vector2<f64>) -> Option<Bend> {
+    fn distort_with_jacobian(&self, x: &Vector2<f64>) -> Option<Distorted> {
         let s = x.norm_squared();
-        (s.is_finite() && self.is_one_to_one_up_to(s)).then(|| self.bend_inside(x))?
+        (s.is_finite() && self.is_one_to_one_within(s)).then(|| self.distort_inside(x))?
     }
 
     /// Whether the radial part is one-to-one up to a squared radius.
-    fn is_one_to_one_up_to(&self, s: f64) -> bool {
+    fn is_one_to_one_within(&self, s: f64) -> bool {
         match self {
             Self::None => true,
             Self::Rational { k, .. } => {
@@ -133,30 +137,30 @@ impl Lens {
         }
     }
 
-    /// As [`Lens::bend`], for a point where the radial part is one-to-one.
-    fn bend_inside(&self, x: &Vector2<f64>) -> Option<Bend> {
+    /// As [`Lens::distort_with_jacobian`], for a point where the radial part is one-to-one.
+    fn distort_inside(&self, x: &Vector2<f64>) -> Option<Distorted> {
         match self {
             Self::None => Some((*x, Matrix2::identity())),
-            Self::Rational { k, p } => bend_rational(k, p, x),
-            Self::Fisheye { k } => bend_fisheye(k, x),
+            Self::Rational { k, p } => distort_rational(k, p, x),
+            Self::Fisheye { k } => distort_fisheye(k, x),
         }
     }
 }
 
 /// A distorted point and the derivative of it by the undistorted one.
-type Bend = (Vector2<f64>, Matrix2<f64>);
+type Distorted = (Vector2<f64>, Matrix2<f64>);
 
 /// The numerator and the denominator of the rational model, in r².
 fn rational(k: &[f64; 6]) -> ([f64; 4], [f64; 4]) {
     ([1.0, k[0], k[1], k[2]], [1.0, k[3], k[4], k[5]])
 }
 
-/// The derivative of the bent angle by the angle, in θ².
+/// The derivative of the distorted angle by the angle, in θ².
 fn angle_slope(k: &[f64; 4]) -> [f64; 5] {
     [1.0, 3.0 * k[0], 5.0 * k[1], 7.0 * k[2], 9.0 * k[3]]
 }
 
-fn bend_rational(k: &[f64; 6], &[p1, p2]: &[f64; 2], x: &Vector2<f64>) -> Option<Bend> {
+fn distort_rational(k: &[f64; 6], &[p1, p2]: &[f64; 2], x: &Vector2<f64>) -> Option<Distorted> {
     let (numerator, denominator) = rational(k);
     let s = x.norm_squared();
     let (n, dn) = value_and_derivative(&numerator, s);
@@ -172,7 +176,7 @@ fn bend_rational(k: &[f64; 6], &[p1, p2]: &[f64; 2], x: &Vector2<f64>) -> Option
     (jacobian.determinant() > 0.0).then(|| (x * factor + tangential, jacobian))
 }
 
-fn bend_fisheye(k: &[f64; 4], x: &Vector2<f64>) -> Option<Bend> {
+fn distort_fisheye(k: &[f64; 4], x: &Vector2<f64>) -> Option<Distorted> {
     let r = x.norm();
     if r < 1e-8 {
         return Some((*x, Matrix2::identity()));
@@ -180,10 +184,10 @@ fn bend_fisheye(k: &[f64; 4], x: &Vector2<f64>) -> Option<Bend> {
     let theta = r.atan();
     let s = theta * theta;
     let (polynomial, _) = value_and_derivative(&[1.0, k[0], k[1], k[2], k[3]], s);
-    let (dtheta_bent, _) = value_and_derivative(&angle_slope(k), s);
+    let (dtheta_distorted, _) = value_and_derivative(&angle_slope(k), s);
     let factor = theta * polynomial / r;
-    // The factor's derivative by r², from that of the bent angle by r.
-    let factor_slope = (dtheta_bent / (1.0 + r * r) - factor) / (2.0 * r * r);
+    // The factor's derivative by r², from that of the distorted angle by r.
+    let factor_slope = (dtheta_distorted / (1.0 + r * r) - factor) / (2.0 * r * r);
     Some((x * factor, radial_jacobian(x, factor, factor_slope)))
 }
 
@@ -262,12 +266,12 @@ mod tests {
 
     fn assert_distorts(lens: Lens, expected: [[f64; 2]; 3]) {
         for (x, expected) in POINTS.into_iter().zip(expected) {
-            let bent = lens.distort(&Vector2::from(x)).unwrap();
+            let distorted = lens.distort(&Vector2::from(x)).unwrap();
             assert!(
-                (bent - Vector2::from(expected)).norm() < 1e-14,
-                "{x:?} to {bent:?}, OpenCV {expected:?}"
+                (distorted - Vector2::from(expected)).norm() < 1e-14,
+                "{x:?} to {distorted:?}, OpenCV {expected:?}"
             );
-            assert!((lens.undistort(&bent).unwrap() - Vector2::from(x)).norm() < 1e-12);
+            assert!((lens.undistort(&distorted).unwrap() - Vector2::from(x)).norm() < 1e-12);
         }
     }
 
@@ -347,7 +351,7 @@ mod tests {
         for lens in [radial([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), Lens::Fisheye { k: [0.1; 4] }] {
             for x in [[f64::NAN, 0.0], [f64::INFINITY, 0.0]].map(Vector2::from) {
                 assert_eq!(lens.undistort(&x), None);
-                assert!(lens.distort(&x).is_none_or(|bent| bent.iter().all(|v| v.is_finite())));
+                assert!(lens.distort(&x).is_none_or(|distorted| distorted.iter().all(|v| v.is_finite())));
             }
         }
     }
@@ -365,9 +369,9 @@ mod tests {
     }
 
     fn assert_inverts(lens: Lens, x: &Vector2<f64>) -> Result<(), TestCaseError> {
-        let Some((bent, jacobian)) = lens.bend(x) else { return Ok(()) };
-        let back = lens.undistort(&bent);
-        prop_assert!(back.is_some(), "{bent:?} has an undistorted point");
+        let Some((distorted, jacobian)) = lens.distort_with_jacobian(x) else { return Ok(()) };
+        let back = lens.undistort(&distorted);
+        prop_assert!(back.is_some(), "{distorted:?} has an undistorted point");
         let least_stretch = jacobian.singular_values().min();
         prop_assume!(least_stretch > 1e-2);
         prop_assert!((back.unwrap() - x).norm() < 1e-9 / least_stretch, "{x:?} became {back:?}");
@@ -394,7 +398,7 @@ mod tests {
             lens in prop_oneof![any_radial_lens(), any_lens_with_tangential_terms()], x in -0.5..0.5, y in -0.5..0.5
         ) {
             let (x, h) = (Vector2::new(x, y), 1e-6);
-            let Some((_, jacobian)) = lens.bend(&x) else { return Ok(()) };
+            let Some((_, jacobian)) = lens.distort_with_jacobian(&x) else { return Ok(()) };
             for axis in 0..2 {
                 let step = Vector2::ith(axis, h);
                 let ends = lens.distort(&(x + step)).zip(lens.distort(&(x - step)));
@@ -420,12 +424,12 @@ mod tests {
         let barrel = Lens::Rational { k: [-0.4, 0.05, 0.0, 0.0, 0.0, 0.0], p: [0.001, 0.0] };
         let wild = Lens::Rational { k: [0.3, -1.2, 0.4, 0.2, -0.6, 0.0], p: [0.0; 2] };
         for lens in [Lens::None, barrel, wild, Lens::Fisheye { k: [-0.3, 0.02, 0.0, 0.0] }] {
-            let valid = lens.valid_up_to(16.0);
+            let valid = lens.max_squared_radius(16.0);
             for i in 0..4000 {
                 let x = Vector2::new(0.8, -0.6) * (f64::from(i) / 1000.0);
                 assert_eq!(lens.distort_within(&x, valid), lens.distort(&x), "{lens:?} at {x}, {valid}");
             }
         }
-        assert!(barrel.valid_up_to(16.0) < 2.0, "the barrel folds over at r = 1.1");
+        assert!(barrel.max_squared_radius(16.0) < 2.0, "the barrel folds over at r = 1.1");
     }
 }

@@ -29,9 +29,13 @@ impl Undistortion {
     /// Chooses the pinhole camera. A lens without distortion keeps its camera.
     #[must_use]
     pub fn new(camera: &Camera) -> Self {
-        let intrinsics = if camera.lens.bends() { chosen_intrinsics(camera) } else { camera.intrinsics };
+        let intrinsics = if camera.lens.distorts() { chosen_intrinsics(camera) } else { camera.intrinsics };
         let pinhole = Pinhole { size: camera.size, intrinsics };
-        Self { camera: *camera, pinhole, valid: camera.lens.valid_up_to(widest_ray(&pinhole)) }
+        Self {
+            camera: *camera,
+            pinhole,
+            valid: camera.lens.max_squared_radius(largest_squared_radius(&pinhole)),
+        }
     }
 
     /// The same resampling from a photograph of `from` pixels to an image of `to` pixels: the photograph reduced, the
@@ -41,10 +45,10 @@ impl Undistortion {
         Self { camera: self.camera.resized(from), pinhole: self.pinhole.resized(to), valid: self.valid }
     }
 
-    /// Whether an image of the photograph's size differs from the photograph: whether the lens bends.
+    /// Whether an image of the photograph's size differs from the photograph: whether the lens distorts.
     #[must_use]
     pub fn changes(&self) -> bool {
-        self.camera.lens.bends()
+        self.camera.lens.distorts()
     }
 
     /// The camera of the undistorted image.
@@ -70,9 +74,9 @@ impl Undistortion {
     #[must_use]
     pub fn mask(&self, mask: Option<&Grid<bool>>) -> Option<Grid<bool>> {
         match mask {
-            None if !self.camera.lens.bends() => None,
+            None if !self.camera.lens.distorts() => None,
             None => Some(self.gather(false, |_| true)),
-            Some(mask) if !self.camera.lens.bends() => Some(mask.resized_nearest(self.pinhole.size)),
+            Some(mask) if !self.camera.lens.distorts() => Some(mask.resized_nearest(self.pinhole.size)),
             Some(mask) => Some(self.resample(mask, false, nearest)),
         }
     }
@@ -93,7 +97,7 @@ impl Undistortion {
         sample: impl Fn(&Grid<T>, &Vector2<f64>) -> T + Sync,
     ) -> Grid<T> {
         assert_eq!(source.size(), self.camera.size, "the image must have the size of its camera");
-        if !self.camera.lens.bends() && source.size() == self.pinhole.size {
+        if !self.camera.lens.distorts() && source.size() == self.pinhole.size {
             return source.clone();
         }
         self.gather(fill, |pixel| sample(source, pixel))
@@ -116,7 +120,7 @@ impl Undistortion {
 }
 
 /// The largest squared radius of the normalised points in an image, which is that of a corner, and a little more.
-fn widest_ray(pinhole: &Pinhole) -> f64 {
+fn largest_squared_radius(pinhole: &Pinhole) -> f64 {
     let (width, height) = (pinhole.size.width as f64, pinhole.size.height as f64);
     let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
     let squares = corners.map(|(x, y)| pinhole.intrinsics.ray(&Vector2::new(x, y)).xy().norm_squared());

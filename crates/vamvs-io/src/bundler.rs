@@ -68,7 +68,7 @@ impl BundleCamera {
         let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
         let intrinsics = Intrinsics { fx: self.focal, fy: self.focal, cx, cy };
         let lens = Lens::Rational { k: [self.k[0], self.k[1], 0.0, 0.0, 0.0, 0.0], p: [0.0; 2] };
-        let lens = if lens.bends() { lens } else { Lens::None };
+        let lens = if lens.distorts() { lens } else { Lens::None };
         let camera = Camera { size, intrinsics, lens };
         let cam_from_world = self.cam_from_world;
         View { id: 0, name: name.to_owned(), camera, cam_from_world, depth_range: None }

@@ -89,10 +89,10 @@ fn read_png(path: &Path, step: f64) -> Result<Grid<f32>, IoError> {
         }
     };
     let size = Size::new(grey.width() as usize, grey.height() as usize);
-    Ok(Grid::from_vec(size, grey.into_raw()).map(|&value| metric(value, step)))
+    Ok(Grid::from_vec(size, grey.into_raw()).map(|&value| depth_of(value, step)))
 }
 
-fn metric(value: u16, step: f64) -> f32 {
+fn depth_of(value: u16, step: f64) -> f32 {
     if value > LARGEST { 0.0 } else { (f64::from(value) * step) as f32 }
 }
 

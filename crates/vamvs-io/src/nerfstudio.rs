@@ -38,8 +38,8 @@ pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, Io
     let frames = frames(&path, &shared)?;
     let named: Vec<String> = frames.iter().map(Fields::file_path).collect::<Result<_, _>>()?;
     let Located { folder, names } = locate(&path, &named, images)?;
-    let told: Vec<Option<Size>> = frames.iter().map(told_size).collect::<Result<_, _>>()?;
-    let sizes = sizes(&folder, &names.iter().map(String::as_str).collect::<Vec<_>>(), &told)?;
+    let stated: Vec<Option<Size>> = frames.iter().map(stated_size).collect::<Result<_, _>>()?;
+    let sizes = sizes(&folder, &names.iter().map(String::as_str).collect::<Vec<_>>(), &stated)?;
     let views =
         frames.iter().zip(names.iter().zip(sizes)).map(|(frame, (name, size))| view(frame, name, size));
     let views: Vec<View> = views.collect::<Result<_, _>>()?;
@@ -126,7 +126,7 @@ fn view(frame: &Fields, name: &str, size: Size) -> Result<View, IoError> {
     Ok(View { id: 0, name: name.to_owned(), camera, cam_from_world: pose(frame)?, depth_range: None })
 }
 
-fn told_size(frame: &Fields) -> Result<Option<Size>, IoError> {
+fn stated_size(frame: &Fields) -> Result<Option<Size>, IoError> {
     let (Some(width), Some(height)) = (frame.number("w")?, frame.number("h")?) else { return Ok(None) };
     let side = |side: f64| (1.0..=LONGEST_SIDE).contains(&side) && side.fract() == 0.0;
     if side(width) && side(height) {
@@ -166,7 +166,7 @@ fn lens(frame: &Fields) -> Result<Lens, IoError> {
             )));
         }
     };
-    Ok(if lens.bends() { lens } else { Lens::None })
+    Ok(if lens.distorts() { lens } else { Lens::None })
 }
 
 /// The pose: OpenGL's camera looks along −z with y up, ours along z with y down.

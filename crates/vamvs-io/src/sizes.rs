@@ -7,24 +7,24 @@ use vamvs_core::Size;
 
 use crate::{IoError, image};
 
-/// The size of each of the photographs `names` in `folder`: the one that `told` holds, else the stored one.
+/// The size of each of the photographs `names` in `folder`: the one that `stated` holds, else the stored one.
 ///
 /// A photograph without a readable header is one view less, not the end of a scene: it gets the size that most of
 /// the others have, and whoever decodes it learns what is wrong with it.
 ///
 /// # Errors
-/// If no size is told and no header can be read.
-pub(crate) fn sizes(folder: &Path, names: &[&str], told: &[Option<Size>]) -> Result<Vec<Size>, IoError> {
-    let size = |(name, told): (&&str, &Option<Size>)| match told {
+/// If no size is stated and no header can be read.
+pub(crate) fn sizes(folder: &Path, names: &[&str], stated: &[Option<Size>]) -> Result<Vec<Size>, IoError> {
+    let size = |(name, stated): (&&str, &Option<Size>)| match stated {
         Some(size) => Ok(*size),
         None => image::stored_size(&folder.join(name)),
     };
-    let found: Vec<Result<Size, IoError>> = names.iter().zip(told).map(size).collect();
+    let found: Vec<Result<Size, IoError>> = names.iter().zip(stated).map(size).collect();
     let usual = commonest(found.iter().flatten());
     found.into_iter().map(|size| size.or_else(|error| usual.ok_or(error))).collect()
 }
 
-/// The sizes of photographs of which nothing is told; see [`sizes`].
+/// The sizes of photographs of which nothing is stated; see [`sizes`].
 pub(crate) fn stored_sizes(folder: &Path, names: &[&str]) -> Result<Vec<Size>, IoError> {
     sizes(folder, names, &vec![None; names.len()])
 }
@@ -53,8 +53,8 @@ mod tests {
         crate::atomic::write(&folder.path().join("c.png"), |_| Ok(())).unwrap();
         let stored = stored_sizes(folder.path(), &["a.png", "b.png", "c.png", "d.png"]).unwrap();
         assert_eq!(stored, [large, small, large, large]);
-        let told = [None, Some(small), None];
-        assert_eq!(sizes(folder.path(), &["c.png", "a.png", "gone.png"], &told).unwrap(), [small; 3]);
+        let stated = [None, Some(small), None];
+        assert_eq!(sizes(folder.path(), &["c.png", "a.png", "gone.png"], &stated).unwrap(), [small; 3]);
         let error = stored_sizes(folder.path(), &["c.png"]).unwrap_err();
         assert!(error.to_string().contains("c.png"), "{error}");
     }

@@ -5,7 +5,7 @@
 use serde::{Deserialize, Serialize};
 use tch::{TchError, Tensor};
 
-/// The six ways of figure 3, and a seventh.
+/// The six aggregations of figure 3, and group-wise correlation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aggregation {

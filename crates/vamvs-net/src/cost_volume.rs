@@ -47,7 +47,7 @@ pub struct CostVolume {
 
 /// What to sweep: `planes` through the coarse features of `reference` and `sources`.
 #[derive(Clone, Copy, Debug)]
-pub struct Swept<'a> {
+pub struct SweepInputs<'a> {
     /// The network.
     pub network: &'a Network,
     /// The view whose depth is sought.
@@ -67,9 +67,9 @@ pub struct Swept<'a> {
 ///
 /// # Errors
 /// If the module breaks its contract or memory runs out.
-pub fn sweep(swept: &Swept<'_>, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
-    let sweep = Sweep::new(swept)?;
-    if swept.network.manifest().aggregation.correlates() {
+pub fn sweep(inputs: &SweepInputs<'_>, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
+    let sweep = Sweep::new(inputs)?;
+    if inputs.network.manifest().aggregation.correlates() {
         return sweep.correlate(seen);
     }
     let visibility = sweep.masks(seen)?;
@@ -81,18 +81,22 @@ pub fn sweep(swept: &Swept<'_>, seen: Option<Vec<Tensor>>) -> Result<CostVolume,
 ///
 /// # Errors
 /// As [`sweep`].
-pub fn costs(swept: &Swept<'_>, seen: Option<Vec<Tensor>>, profile: &mut Profile) -> Result<Costs, NetError> {
-    let network = swept.network;
-    let learns = network.mode() == Mode::Training || swept.reference.coarse[swept.level].requires_grad();
+pub fn costs(
+    inputs: &SweepInputs<'_>,
+    seen: Option<Vec<Tensor>>,
+    profile: &mut Profile,
+) -> Result<Costs, NetError> {
+    let network = inputs.network;
+    let learns = network.mode() == Mode::Training || inputs.reference.coarse[inputs.level].requires_grad();
     if !network.manifest().slabs || learns {
-        let CostVolume { volume, visibility } = profile.time(Stage::Sweep, || sweep(swept, seen))?;
+        let CostVolume { volume, visibility } = profile.time(Stage::Sweep, || sweep(inputs, seen))?;
         let costs = profile.time(Stage::Regularize, || network.regularize(&volume))?;
         return Ok(Costs { costs, visibility });
     }
-    let sweep = Sweep::new(swept)?;
+    let sweep = Sweep::new(inputs)?;
     let visibility = profile.time(Stage::Sweep, || sweep.masks(seen))?;
-    let mut slabs = Slabs::new(network, swept.planes.count);
-    for first in (0..swept.planes.count).step_by(sweep.slab) {
+    let mut slabs = Slabs::new(network, inputs.planes.count);
+    for first in (0..inputs.planes.count).step_by(sweep.slab) {
         let slab = profile.time(Stage::Sweep, || sweep.aggregate(first, &visibility))?;
         let slab = slab.f_permute([1, 0, 2, 3])?.f_unsqueeze(0)?;
         profile.time(Stage::Regularize, || slabs.add(&slab))?;
@@ -101,8 +105,8 @@ pub fn costs(swept: &Swept<'_>, seen: Option<Vec<Tensor>>, profile: &mut Profile
 }
 
 impl<'a> Sweep<'a> {
-    fn new(swept: &Swept<'a>) -> Result<Self, TchError> {
-        let Swept { network, reference, sources, planes, level, slab_bytes } = *swept;
+    fn new(inputs: &SweepInputs<'a>) -> Result<Self, TchError> {
+        let SweepInputs { network, reference, sources, planes, level, slab_bytes } = *inputs;
         let cell = reference.stride << level;
         let pixel_grid = PixelGrid::new(cell, (0, 0), 1, reference.size_at(cell));
         let sources = sources

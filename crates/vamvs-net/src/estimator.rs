@@ -8,7 +8,7 @@ use tch::{TchError, Tensor};
 use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Size};
 
 use crate::coarse::{PlaneMap, soft_argmin, where_unsure};
-use crate::cost_volume::{self, Costs, Swept};
+use crate::cost_volume::{self, Costs, SweepInputs};
 use crate::encode::COARSE_SCALE;
 use crate::manifest::check_iterations;
 use crate::point_flow::{FlowStage, upsample_nearest};
@@ -341,8 +341,8 @@ impl Estimator {
         let (network, slab_bytes) = (&self.network, self.options.slab_bytes);
         let wide_masks = seen.as_ref().map(|masks| masks.iter().map(halved).collect::<Result<_, _>>());
         let mut costs_at = |level: usize, seen: Option<Vec<Tensor>>| {
-            let swept = Swept { network, reference, sources, planes, level, slab_bytes };
-            let Costs { costs, visibility } = cost_volume::costs(&swept, seen, profile)?;
+            let inputs = SweepInputs { network, reference, sources, planes, level, slab_bytes };
+            let Costs { costs, visibility } = cost_volume::costs(&inputs, seen, profile)?;
             Ok::<_, NetError>((costs, visibility))
         };
         let (mut costs, visibility) = costs_at(0, seen)?;

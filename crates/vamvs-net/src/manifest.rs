@@ -25,7 +25,8 @@ pub struct Manifest {
     /// Hypotheses to each side of a point, m; 0: `flow` gives the offset itself, in steps of the iteration
     /// (direct regression, table 8).
     pub hypotheses: usize,
-    /// How many times `flow` looks from a point to its neighbours: its receptive field in windows.
+    /// The number of layers of `flow` that gather from a point's neighbours; each widens the receptive field by one
+    /// neighbourhood.
     pub flow_layers: usize,
     /// Whether the module regularises a volume that is never whole, by `regularize_slab` and `regularize_slabs`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]

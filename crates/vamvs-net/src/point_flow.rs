@@ -258,7 +258,7 @@ impl FlowStage<'_> {
         Ok(Tensor::f_cat(&[correlations, &context], 1)?)
     }
 
-    /// vis-var's mask at the grid's pixels: (1, 1, h·w).
+    /// The visibility mask of vis-var or vis-corr, sampled at the grid's pixels: (1, 1, h·w).
     fn mask(&self, mask: &Tensor, reference_grid: &Tensor) -> Result<Tensor, TchError> {
         sample(mask, reference_grid, Outside::Border)?.f_flatten(2, 3)
     }

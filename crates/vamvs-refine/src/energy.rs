@@ -13,8 +13,8 @@ use crate::transfer::Affine;
 /// The energy of what cannot be: behind a camera, or steeper than [`STEEPEST`].
 pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
 
-/// The correlation with a source view that does not see the pixel.
-const UNSEEN: f32 = 0.0;
+/// The correlation with a source view whose image the warped window leaves.
+const OUTSIDE_CORRELATION: f32 = 0.0;
 
 /// The steepest plane, pixels of disparity a pixel.
 const STEEPEST: f32 = 1.2;
@@ -181,8 +181,9 @@ impl Pixel<'_> {
         let (Matcher { options, isa, .. }, source) = (self.matcher, &self.matcher.sources[index]);
         let warp = source.transfer.affine(self.rays[index], plane);
         let inside = warp.filter(|warp| source.quads.contains(warp.u, warp.v));
-        let correlation = inside
-            .map_or(UNSEEN, |warp| correlation(&self.window, &source.quads, &warp, options.noise, *isa));
+        let correlation = inside.map_or(OUTSIDE_CORRELATION, |warp| {
+            correlation(&self.window, &source.quads, &warp, options.noise, *isa)
+        });
         let total = 1.0 - correlation + self.geometric_cost(source, warp.as_ref());
         (total + self.handicaps[index], Cost { total, correlation })
     }

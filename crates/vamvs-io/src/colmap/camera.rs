@@ -95,13 +95,15 @@ pub(super) fn camera(model: &CameraModel, size: Size, parameters: &[f64]) -> Res
 
 fn lens(kind: &LensKind, given: &[f64]) -> Lens {
     let value = |i: usize| given.get(i).copied().unwrap_or(0.0);
-    let lens = if matches!(kind, LensKind::Fisheye) {
-        Lens::Fisheye { k: [value(0), value(1), value(2), value(3)] }
-    } else {
-        let k = [value(0), value(1), value(4), value(5), value(6), value(7)];
-        Lens::Rational { k, p: [value(2), value(3)] }
+    let lens = match kind {
+        LensKind::Rational => Lens::Rational {
+            k: [value(0), value(1), value(4), value(5), value(6), value(7)],
+            p: [value(2), value(3)],
+        },
+        LensKind::Fisheye => Lens::Fisheye { k: [value(0), value(1), value(2), value(3)] },
+        LensKind::Unsupported => unreachable!("`supported` refuses these models"),
     };
-    if lens.bends() { lens } else { Lens::None }
+    if lens.distorts() { lens } else { Lens::None }
 }
 
 /// The simplest model of PINHOLE, OPENCV, FULL_OPENCV and OPENCV_FISHEYE that expresses a camera, and

@@ -7,7 +7,7 @@ mod dmap;
 mod scene;
 
 pub use dmap::{DepthMapFile, write_depth_map};
-pub use scene::{SeenPoint, read_scene, write_scene};
+pub use scene::{ObservedPoint, read_scene, write_scene};
 
 use nalgebra::{Matrix3, Vector3};
 use vamvs_core::{Intrinsics, Pose};

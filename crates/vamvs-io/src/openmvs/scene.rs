@@ -25,7 +25,7 @@ const LAST_VERSION: u32 = 7;
 const NONE: u32 = u32::MAX;
 
 /// A point with the views that see it.
-pub type SeenPoint = (CloudPoint, Vec<u32>);
+pub type ObservedPoint = (CloudPoint, Vec<u32>);
 
 /// Reads a scene. Photographs are found in `images`, or relative to the file; they are undistorted ones.
 ///
@@ -55,8 +55,8 @@ pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     let named: Vec<String> = posed.iter().map(|image| image.name.clone()).collect();
     let Located { folder, names } = locate(mvs, &named, images)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let told: Vec<_> = posed.iter().map(|image| image.camera(&platforms)?.size).collect();
-    let sizes = sizes(&folder, &names, &told)?;
+    let stated: Vec<_> = posed.iter().map(|image| image.camera(&platforms)?.size).collect();
+    let sizes = sizes(&folder, &names, &stated)?;
     let view = |(image, (name, size)): (&&MvsImage, _)| image.view(mvs, &platforms, name, size);
     let views = posed.iter().zip(names.into_iter().zip(sizes)).map(view).collect::<Result<_, _>>()?;
     let left_out = listed.len() - posed.len();
@@ -72,7 +72,7 @@ pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
 pub fn write_scene(
     path: &Path,
     views: &[(String, Pinhole, Pose)],
-    points: &[SeenPoint],
+    points: &[ObservedPoint],
 ) -> Result<(), IoError> {
     atomic::write(path, |out| {
         out.write_all(b"MVSI")?;
@@ -105,7 +105,7 @@ fn write_platform(out: &mut dyn Write, camera: &Pinhole, cam_from_world: &Pose) 
     out.write_all(&[f64_bytes(&rotation), f64_bytes(&centre)].concat())
 }
 
-fn write_points(out: &mut dyn Write, points: &[SeenPoint]) -> io::Result<()> {
+fn write_points(out: &mut dyn Write, points: &[ObservedPoint]) -> io::Result<()> {
     write_list(out, points, |out, (point, views)| {
         out.write_all(&f32_bytes(&point.x_in_world.map(|value| value as f32)))?;
         write_list(out, views, |out, view| {

@@ -1,8 +1,8 @@
 //! A dense workspace of COLMAP: images, model, depth and normal maps, configurations, the cloud and the views
 //! of its points.
 //!
-//! The photometric maps hold every depth, the geometric ones those that are confident. The model's points are
-//! a part of the cloud: COLMAP finds by them which images overlap.
+//! The photometric maps hold all depths, the geometric ones the confident depths. The model's
+//! points are a sample of the cloud, from which COLMAP finds which images overlap.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use vamvs_core::Pinhole;
 use vamvs_fusion::Surface;
 use vamvs_io::colmap::dense::{self, MapKind};
 use vamvs_io::colmap::{Image, Model, Observation, Point, SeenByWriter};
-use vamvs_io::openmvs::SeenPoint;
+use vamvs_io::openmvs::ObservedPoint;
 use vamvs_io::{IoError, atomic, image};
 
 use super::{ExportedView, make_folder};
@@ -55,7 +55,7 @@ impl ColmapWorkspace {
         self,
         maps: &Maps,
         cameras: &[Pinhole],
-        points: &[SeenPoint],
+        points: &[ObservedPoint],
         cloud: &Path,
     ) -> Result<(), VamvsError> {
         dense::write_configurations(&self.root, &self.images)?;
@@ -64,9 +64,9 @@ impl ColmapWorkspace {
         Ok(self.seen_by.finish()?)
     }
 
-    /// Image and camera numbers count from 1, as COLMAP's own; images are in the order of views, which the
-    /// list of the points' views refers to.
-    fn model(&self, maps: &Maps, cameras: &[Pinhole], points: &[SeenPoint]) -> Model {
+    /// Image and camera ids count from 1, as in COLMAP. Images are in the order of the views,
+    /// because `fused.ply.vis` refers to them by index.
+    fn model(&self, maps: &Maps, cameras: &[Pinhole], points: &[ObservedPoint]) -> Model {
         let image = |(view, name): (usize, &String)| Image {
             id: view as u32 + 1,
             name: name.clone(),
@@ -81,8 +81,8 @@ impl ColmapWorkspace {
     }
 }
 
-/// A point with its track; the images get the observations, where it projects.
-fn observe(id: u64, (point, views): &SeenPoint, cameras: &[Pinhole], images: &mut [Image]) -> Point {
+/// A point with its track; adds its projections to the images as observations.
+fn observe(id: u64, (point, views): &ObservedPoint, cameras: &[Pinhole], images: &mut [Image]) -> Point {
     let x_in_world = point.x_in_world.into();
     let mut track = Vec::with_capacity(views.len());
     for &view in views {

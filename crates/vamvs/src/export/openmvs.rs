@@ -1,17 +1,17 @@
-//! A scene of OpenMVS: `scene.mvs`, undistorted images, `depthNNNN.dmap`, and `scene_dense.ply` with the views
-//! of its points, which `ReconstructMesh` asks for.
+//! A scene of OpenMVS: `scene.mvs`, undistorted images, `depthNNNN.dmap`, and `scene_dense.ply`
+//! with the views of its points, which `ReconstructMesh` needs.
 
 use std::path::{Path, PathBuf};
 
 use vamvs_core::{CloudPoint, Pinhole};
 use vamvs_io::image;
-use vamvs_io::openmvs::{DepthMapFile, SeenPoint, write_depth_map, write_scene};
+use vamvs_io::openmvs::{DepthMapFile, ObservedPoint, write_depth_map, write_scene};
 use vamvs_io::ply::PlyWriter;
 
 use super::{ExportedView, make_folder};
 use crate::{Maps, VamvsError};
 
-/// Views that a depth map can name, itself included.
+/// Largest number of views that a .dmap file can list, its own included.
 const MOST_VIEWS: usize = 255;
 
 /// A scene that is being written.
@@ -47,7 +47,12 @@ impl OpenmvsScene {
         Ok(write_depth_map(&self.root.join(format!("depth{:04}.dmap", view.number)), &file)?)
     }
 
-    pub fn finish(self, maps: &Maps, cameras: &[Pinhole], points: &[SeenPoint]) -> Result<(), VamvsError> {
+    pub fn finish(
+        self,
+        maps: &Maps,
+        cameras: &[Pinhole],
+        points: &[ObservedPoint],
+    ) -> Result<(), VamvsError> {
         let view = |(view, name): (usize, &String)| (name.clone(), cameras[view], *maps.pose(view));
         let views: Vec<_> = self.images.iter().enumerate().map(view).collect();
         write_scene(&self.root.join("scene.mvs"), &views, points)?;

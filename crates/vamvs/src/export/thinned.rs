@@ -1,18 +1,18 @@
-//! A part of a cloud, evenly taken, as other programs' sparse points.
+//! An even sample of a cloud, exported as sparse points.
 
 use vamvs_core::CloudPoint;
-use vamvs_io::openmvs::SeenPoint;
+use vamvs_io::openmvs::ObservedPoint;
 
-/// Points that are kept at the least, once there are that many.
+/// Number of points kept at least, of a stream with that many.
 const ENOUGH: usize = 25_000;
 
-/// Every n-th point of a stream, with n such that 25 000 to 50 000 are kept of a longer one. What is kept
-/// depends on nothing but the stream.
+/// Every n-th point of a stream, with n such that 25 000 to 50 000 are kept of a longer one. The
+/// result depends only on the stream.
 #[derive(Debug)]
 pub(super) struct Thinned {
     step: usize,
     seen: usize,
-    kept: Vec<SeenPoint>,
+    kept: Vec<ObservedPoint>,
 }
 
 impl Default for Thinned {
@@ -37,7 +37,7 @@ impl Thinned {
         }
     }
 
-    pub fn into_points(self) -> Vec<SeenPoint> {
+    pub fn into_points(self) -> Vec<ObservedPoint> {
         self.kept
     }
 }
