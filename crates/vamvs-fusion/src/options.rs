@@ -15,7 +15,7 @@ pub enum Consistency {
     Classic,
 }
 
-/// How far apart points of the cloud are at least.
+/// Least distance between points of the cloud.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PointSpacing {
@@ -28,29 +28,31 @@ pub enum PointSpacing {
 /// Thresholds of the filters. All of them are relative, so that they fit any scene scale.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct FuseOptions {
     /// How it is decided whether other views confirm a pixel: [`FuseOptions::min_support`] or [`FuseOptions::min_views`].
     pub consistency: Consistency,
-    /// How far a pixel may come back from itself by way of a source view's depth, pixels of the depth
-    /// map.
+    /// Largest distance between a pixel and its projection into a source view and back, pixels of
+    /// the depth map.
     pub max_reprojection: f32,
-    /// How much the depth that comes back may differ from the pixel's own, as a share of it. A source's
-    /// depths are interpolated between pixels that differ by less than this.
+    /// Largest difference between the depth that is projected back and the pixel's own, as a share
+    /// of it. A source's depths are interpolated between pixels that differ by less than this.
     pub max_relative_depth: f32,
     /// How many views must agree on a pixel, its own included, 1 to 255.
     pub min_views: usize,
-    /// What the votes for a pixel, times the number of source views that agree, must come to in the dynamic rule. A vote
-    /// is at most 1: that of a view that agrees exactly and sees the point at a large angle to the pixel's own ray, if
-    /// both are wholly confident.
+    /// Threshold of the dynamic rule on the sum of votes times the number of source views that
+    /// agree. A vote is at most 1: that of a view that agrees exactly and sees the point at a large
+    /// angle to the pixel's own ray, if both have full confidence.
     pub min_support: f32,
-    /// What a view that sees through a pixel's point, to a surface clearly behind it, takes away from the votes in the
-    /// dynamic rule, times the confidences; 0 for nothing.
+    /// Weight in the dynamic rule of votes against a pixel, by views that see through its point to
+    /// a surface clearly behind it; 0 for none.
     pub contradiction: f32,
     /// The least confidence of the final depth, 0 to 1.
     pub min_confidence: f32,
     /// The least confidence of the coarse stage where a map has one, 0 to 1.
     pub min_coarse_confidence: f32,
-    /// How far apart points are at least; `None` for as dense as the view that sees a place in most detail.
+    /// Least distance between points; `None` for as dense as the view that sees a place in most
+    /// detail.
     pub point_spacing: Option<PointSpacing>,
 }
 
@@ -95,10 +97,10 @@ impl FuseOptions {
     /// The paper's values for DTU (section 4.2.2): confidences above 0.1 and, in the coarse stage, 0.2,
     /// at least 3 views, and fusibile's threshold of 0.12 on the discrepancy.
     ///
-    /// Fusibile compares disparities f·b/d in pixels. The way from a pixel at depth d to the source
-    /// view and back at depth d′ ends about f·b·|1/d − 1/d′| pixels away, which is the same, so 0.12
-    /// is the bound on the reprojection. Fusibile has no bound on the depth itself; at DTU's baselines
-    /// 0.12 pixels are about 0.05 % of the depth, so the 1 % here never decides.
+    /// Fusibile compares disparities f·b/d in pixels. A pixel at depth d that is projected to the
+    /// source view and back at depth d′ ends about f·b·|1/d − 1/d′| pixels away, which is the same,
+    /// so 0.12 is the bound on the reprojection error. Fusibile has no bound on the depth itself;
+    /// at DTU's baselines 0.12 pixels are about 0.05 % of the depth, so the 1 % here never decides.
     #[must_use]
     pub fn dtu() -> Self {
         Self { max_reprojection: 0.12, ..Self::classic() }
@@ -107,7 +109,7 @@ impl FuseOptions {
     /// Checks that each threshold is in its range.
     ///
     /// # Errors
-    /// If not, with the first one that is not.
+    /// With the first threshold that is not.
     pub fn validate(&self) -> Result<(), OptionsError> {
         let positive = |v: f32| v > 0.0 && v.is_finite();
         let share = |v: f32| (0.0..=1.0).contains(&v);

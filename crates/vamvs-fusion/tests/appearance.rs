@@ -33,7 +33,9 @@ fn normals_of_the_maps_are_taken_and_where_they_have_none_the_depths_tell() {
     view[0].normals = Some(Grid::from_fn(SIZE, |x, _| if tells(x) { given.into() } else { [0.0; 3] }));
     let near =
         |normal: [f32; 3], other: &Vector3<f64>| (Vector3::from(normal).cast::<f64>() - other).norm() < 1e-3;
-    let (cloud, _) = fuse(&view, &FuseOptions { min_views: 1, ..FuseOptions::classic() });
+    let mut options = FuseOptions::classic();
+    options.min_views = 1;
+    let (cloud, _) = fuse(&view, &options);
     assert_eq!(cloud.len(), SIZE.area());
     let [of_map, of_depth] =
         [given.cast(), fitted].map(|n| cloud.iter().filter(|p| near(p.normal, &n)).count());
@@ -94,7 +96,8 @@ fn points_are_as_far_apart_as_asked_and_cover_the_surface_evenly() {
     let (dense, _) = fuse(&views, &FuseOptions::default());
     let footprint = DISTANCE / views[0].map.camera.intrinsics.fx;
     for (spacing, units) in [(PointSpacing::Pixels(3.0), 3.0 * footprint), (PointSpacing::Units(0.1), 0.1)] {
-        let options = FuseOptions { point_spacing: Some(spacing), ..FuseOptions::default() };
+        let mut options = FuseOptions::default();
+        options.point_spacing = Some(spacing);
         let (cloud, report) = fuse(&views, &options);
         let distance = |a: &vamvs_core::CloudPoint, b: &vamvs_core::CloudPoint| {
             (Vector3::from(a.x_in_world) - Vector3::from(b.x_in_world)).norm()

@@ -9,7 +9,7 @@ use vamvs_core::{Cloud, Grid, Roi, Size, lift::lift_map};
 use vamvs_fusion::{FuseJob, FuseOptions, FuseReport, FusedPoints, FusionView, fuse_to_cloud};
 
 const SIZE: Size = Size::new(96, 72);
-/// For surfaces that curve: what interpolation bends off falls with the square of the pixel.
+/// For curved surfaces: the error of interpolation falls with the square of the pixel.
 const FINE: Size = Size::new(192, 144);
 const DISTANCE: f64 = 4.0;
 
@@ -79,7 +79,8 @@ fn each_place_comes_out_once_and_none_is_lost() {
         let total = report.total();
         assert!(total.merged > 2 * total.points, "five views, most places seen by four or five");
         // A view that keeps all pixels finds a point within a pixel or so of each of them.
-        let all = FuseOptions { min_views: 1, ..FuseOptions::classic() };
+        let mut all = FuseOptions::classic();
+        all.min_views = 1;
         let (cloud, _) = fuse(&views, &all, None);
         let lifted: Vec<Vector3<f64>> = lift_map(&views[3].map).flatten().collect();
         let farthest = nearest(&lifted, &positions(&cloud)).into_iter().fold(0.0, f64::max);
@@ -198,8 +199,8 @@ fn pixels_that_are_not_kept_swallow_no_points() {
     assert!(report.views[1].points > SIZE.area() as u64 / 2);
 }
 
-/// A slanted plane seen by two views from many distances: along lines across it the order of the views changes,
-/// and nowhere there may each of them leave a place to the other.
+/// A slanted plane seen by two views from many distances: the order of the views changes along
+/// lines across it, where a place must not be left by each view to the other.
 #[test]
 fn no_hairline_gap_opens_where_the_order_of_the_views_changes() {
     let surface = Surface::Plane(Vector3::new(0.75, 0.1, 0.65).normalize());
@@ -223,7 +224,8 @@ fn no_hairline_gap_opens_where_the_order_of_the_views_changes() {
 fn pixels_that_make_points(pair: &[FusionView; 2]) -> [Grid<bool>; 2] {
     let mut made = [(); 2].map(|()| Grid::filled(SIZE, false));
     let neighbours = all_others(2);
-    let options = FuseOptions { min_views: 1, max_relative_depth: 0.03, ..FuseOptions::classic() };
+    let mut options = FuseOptions::classic();
+    (options.min_views, options.max_relative_depth) = (1, 0.03);
     let job =
         FuseJob { source: &pair[..], neighbours: &neighbours, options: &options, roi: None, memory: 1 << 30 };
     let mut sink = |fused: &FusedPoints| {
@@ -250,12 +252,12 @@ fn pixels_of(view: &FusionView, x_in_world: &Vector3<f64>, tolerance: f64) -> Ve
     pixels.into_iter().filter(|&(x, y)| x < SIZE.width && y < SIZE.height).collect()
 }
 
-/// Steps from a pixel to the one it is left to, to the one that is left to, and so on: more than the order of
-/// the views changes within some pixels.
+/// Longest chain followed from a pixel to the pixel that takes its place, and so on; the order of
+/// the views changes less often within some pixels.
 const LONGEST_CHAIN: usize = 4;
 
-/// How many pixels of a view are left to the other view's, which is left to this view's, and so on, without one
-/// of them that makes a point.
+/// The number of pixels of a view that are left to pixels of the other view, which are left to
+/// pixels of this view, and so on, without any that makes a point.
 fn left_to_nobody(pair: &[FusionView; 2], made: &[Grid<bool>; 2], view: usize) -> usize {
     let places = [0, 1].map(|view| lift_map(&pair[view].map).collect::<Vec<_>>());
     // The pixels of the other view that show what pixels of this one show, single precision aside.

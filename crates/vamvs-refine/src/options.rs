@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 /// mean over them; nothing depends on the scene's scale.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+#[non_exhaustive]
 pub struct RefineOptions {
     /// How often the photograph's size is halved for the result of [`crate::refine`], 2 times at most: 1 does for a
     /// first pass.

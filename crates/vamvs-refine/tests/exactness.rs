@@ -82,7 +82,8 @@ fn the_neighbours_depth_maps_bring_outliers_back() {
 #[test]
 fn a_first_pass_at_half_the_size_leads_to_the_same_plane() {
     let set = enlarged(common::plane, HERE, 2);
-    let options = RefineOptions { halvings: 1, ..RefineOptions::default() };
+    let mut options = RefineOptions::default();
+    options.halvings = 1;
     let first = refine(&set.photos[0], &sources(&set), &seed(&set), &[], &options).unwrap();
     let half = set.photos[0].camera.resized(common::SIZE);
     assert_eq!((first.map.camera, first.map.depth.size()), (half, common::SIZE));

@@ -1,10 +1,11 @@
-//! What each rule of fusion brings, on scenes of which the ground truth is known.
+//! Compares the rules of fusion on scenes with ground truth.
 //!
-//! `cargo run --release -p vamvs --no-default-features --example fusion_ablation -- OUT GROUND_TRUTH [OUT GROUND_TRUTH …]` fuses the
-//! depth maps in each folder OUT in several ways and compares the clouds with the true depth maps in GROUND_TRUTH, a scene of
-//! `vamvs synth`. For each way it prints the mean over the scenes of the F-score, precision and recall at 0.3 % and 1 %
-//! of the median depth, in percent, the floaters (points farther than 5 % of the median depth from any surface that a
-//! view sees) in percent of the points, and the points.
+//! `cargo run --release -p vamvs --no-default-features --example fusion_ablation -- OUT
+//! GROUND_TRUTH [OUT GROUND_TRUTH …]` fuses the depth maps in each folder OUT in several ways and
+//! compares the clouds with the true depth maps in GROUND_TRUTH, a scene of `vamvs synth`. For each
+//! way it prints the mean over the scenes of the F-score, precision and recall at 0.3 % and 1 % of
+//! the median depth, in percent, the floaters (points farther than 5 % of the median depth from any
+//! surface that a view sees) in percent of the points, and the number of points.
 
 use std::path::PathBuf;
 
@@ -16,13 +17,13 @@ use vamvs::io::masks::Masks;
 use vamvs::measures::CloudDistances;
 use vamvs::{FusionOptions, Maps};
 
-/// Distances that are near, as shares of the median depth.
+/// Distance thresholds of the F-score, as shares of the median depth.
 const NEAR: [f64; 2] = [0.003, 0.01];
 
-/// Farther than this share of the median depth from any surface, a point floats.
+/// A point farther than this share of the median depth from any surface is a floater.
 const FLOATING: f64 = 0.05;
 
-/// Every so many pixels of the true maps, in both directions, are points of the ground truth.
+/// Step, in pixels in both directions, at which the true depth maps are sampled.
 const STEP: usize = 2;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -36,7 +37,7 @@ struct Scene {
     median_depth: f64,
 }
 
-/// What a cloud is like.
+/// The scores of a cloud.
 #[derive(Clone, Copy, Default)]
 struct Scores {
     /// F-score, precision and recall at each of [`NEAR`].
@@ -66,14 +67,19 @@ fn main() -> Result<()> {
 
 /// The ways to fuse, with their names.
 fn variants() -> Vec<(String, FuseOptions)> {
-    let classic = |min_views| FuseOptions { min_views, ..FuseOptions::classic() };
-    let mut variants: Vec<_> =
-        [2, 3, 4].map(|views| (format!("classic, {views} views"), classic(views))).into();
+    let mut variants = Vec::new();
+    for min_views in [2, 3, 4] {
+        let mut options = FuseOptions::classic();
+        options.min_views = min_views;
+        variants.push((format!("classic, {min_views} views"), options));
+    }
     let default = FuseOptions::default();
     for min_support in [0.4, default.min_support, 0.8] {
         for contradiction in [0.0, default.contradiction, 1.0] {
             let name = format!("dynamic, support {min_support}, contradiction {contradiction}");
-            variants.push((name, FuseOptions { min_support, contradiction, ..FuseOptions::default() }));
+            let mut options = FuseOptions::default();
+            (options.min_support, options.contradiction) = (min_support, contradiction);
+            variants.push((name, options));
         }
     }
     variants
@@ -119,7 +125,7 @@ impl Scene {
     }
 }
 
-/// Points of the surfaces that a view sees, some pixels left out.
+/// Points of the surfaces that a view sees, one every [`STEP`] pixels in both directions.
 fn surface(map: &DepthMap) -> Vec<[f64; 3]> {
     let width = map.depth.width();
     let sampled = |i: usize| (i % width).is_multiple_of(STEP) && (i / width).is_multiple_of(STEP);

@@ -1,4 +1,4 @@
-//! Refinement of a view's depth map with those of its source views.
+//! The geometric pass: refinement of a view's depth map with those of its source views.
 
 use std::rc::Rc;
 
@@ -9,20 +9,23 @@ use vamvs_refine::{RefineOptions, Refined, Surface, refine_geometric};
 use crate::VamvsError;
 use crate::output::LoadedMap;
 
-/// Photographs with fewer pixels on the shorter side are too small for a first pass at half their size.
+/// A photograph with fewer pixels on its shorter side is too small for a first pass at half its
+/// size.
 const SMALL: usize = 600;
 
-/// How a depth map is refined that will be refined once more.
+/// The options of the first of two passes.
 pub(crate) fn first_pass(options: &RefineOptions, photograph: Size) -> RefineOptions {
     let halvings = usize::from(photograph.width.min(photograph.height) >= SMALL);
-    RefineOptions { halvings: options.halvings.max(halvings), ..*options }
+    let mut first = *options;
+    first.halvings = first.halvings.max(halvings);
+    first
 }
 
-/// Refines the depth map that `first` has of a view with those that it has of the source views; a source view that has
-/// none is compared by its photograph alone.
+/// Refines a view's first-pass map with those of its source views; `first` gives all of them. A
+/// source view that has none is compared by its photograph alone.
 ///
 /// # Errors
-/// If the view's own depth map cannot be had, or there is no source view.
+/// If the view's own first-pass map cannot be read, or there is no source view.
 pub(crate) fn refined(
     first: impl Fn(usize) -> Result<Rc<LoadedMap>, VamvsError>,
     (view, reference): (usize, &Photo),

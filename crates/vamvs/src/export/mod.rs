@@ -1,5 +1,5 @@
-//! The cloud, and on request what other programs work on: a dense workspace of COLMAP, a scene of OpenMVS,
-//! depth maps in other formats. All of it goes beside the cloud.
+//! The cloud and, on request, files for other programs: a dense workspace of COLMAP, a scene of
+//! OpenMVS, depth maps in other formats. All of it goes next to the cloud.
 
 mod colmap;
 mod depths;
@@ -22,16 +22,17 @@ use depths::DepthFolder;
 use openmvs::OpenmvsScene;
 use thinned::Thinned;
 
-/// What is written beside the cloud.
+/// What is written next to the cloud.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]
 pub struct ExportOptions {
-    /// For which programs, each in a folder of its name.
+    /// Programs to export for, each into a folder of its name.
     pub programs: Vec<Program>,
     /// Depth maps in `depths/`, in these formats.
     pub depth_formats: Vec<DepthFormat>,
-    /// Depth of one step of a PNG, scene units; by default a round number in which all depths fit.
+    /// Depth of one grey level of a PNG, scene units; by default a round number in which all depths
+    /// fit.
     pub png_step: Option<f64>,
 }
 
@@ -47,7 +48,7 @@ pub enum Program {
 }
 
 impl Program {
-    /// The folder beside the cloud that is written for it.
+    /// The folder next to the cloud that is written for it.
     #[must_use]
     pub fn folder(self) -> &'static str {
         match self {
@@ -64,7 +65,7 @@ impl Program {
 pub enum DepthFormat {
     /// 32 bits, rows from bottom to top.
     Pfm,
-    /// 16-bit grey, so many steps of a depth that `png-step.txt` tells; 0 for none.
+    /// 16-bit grey, in steps of the depth in `png-step.txt`; 0 for no depth.
     Png,
     /// OpenEXR, 32 bits, channel Z.
     Exr,
@@ -72,7 +73,7 @@ pub enum DepthFormat {
     Npy,
 }
 
-/// Writes the cloud and what goes with it.
+/// Writes the cloud and its exports.
 pub(crate) struct Exporter<'a> {
     cloud: &'a Path,
     ply: PlyWriter,
@@ -80,7 +81,7 @@ pub(crate) struct Exporter<'a> {
     exports: Exports<'a>,
 }
 
-/// What goes with the cloud.
+/// The exports next to the cloud.
 struct Exports<'a> {
     maps: &'a Maps,
     colmap: Option<ColmapWorkspace>,
@@ -111,7 +112,8 @@ impl<'a> Exporter<'a> {
         Ok(())
     }
 
-    /// Completes the cloud, then writes everything else. `neighbours` are each view's, best first.
+    /// Completes the cloud, then writes the exports. `neighbours` are those of each view, best
+    /// first.
     pub fn finish(
         self,
         neighbours: &[Vec<usize>],
@@ -130,7 +132,8 @@ impl<'a> Exporter<'a> {
 }
 
 impl ExportOptions {
-    /// Refuses to export over what is read: `inputs` are its folders, `folder` that of the cloud.
+    /// Refuses to export over inputs: `inputs` are the folders that are read, `folder` is that of
+    /// the cloud.
     ///
     /// # Errors
     /// If one of them is in a folder that an export would write.
@@ -145,7 +148,7 @@ impl ExportOptions {
             let Ok(whole) = target.canonicalize() else { continue };
             if let Some(input) = inputs.iter().find(|input| input.starts_with(&whole)) {
                 let problem = format!(
-                    "would be exported to, but {} is read from it: choose another --out",
+                    "the export would overwrite {}, which is an input: choose another --out",
                     input.display()
                 );
                 return Err(VamvsError::Folder { path: target, problem });
@@ -166,7 +169,8 @@ impl<'a> Exports<'a> {
         Ok(Self { maps, colmap: colmap.transpose()?, openmvs: openmvs.transpose()?, depths })
     }
 
-    /// Writes what belongs to single views, if anything does; gives the cameras of their depth maps.
+    /// Writes the exports of single views, if there are any; returns the cameras of their depth
+    /// maps.
     fn write_views(
         &self,
         neighbours: &[Vec<usize>],
@@ -201,9 +205,9 @@ struct ExportedView<'a> {
     number: usize,
     name: &'a str,
     loaded: &'a FusionView,
-    /// All that is there.
+    /// All unmasked depths.
     all: Surface,
-    /// What is confident.
+    /// The confident depths.
     confident: Surface,
 }
 
@@ -214,13 +218,15 @@ impl<'a> ExportedView<'a> {
         loaded: &'a FusionView,
         filter: &FuseOptions,
     ) -> Result<Self, VamvsError> {
-        let none = FuseOptions { min_confidence: 0.0, min_coarse_confidence: 0.0, ..filter.clone() };
+        let mut none = filter.clone();
+        (none.min_confidence, none.min_coarse_confidence) = (0.0, 0.0);
         let (all, confident) = (Surface::of(loaded, &none)?, Surface::of(loaded, filter)?);
         Ok(Self { number, name, loaded, all, confident })
     }
 }
 
-/// Runs `work` for all views, as many at a time as there are threads; tells how many are done.
+/// Runs `work` for all views, as many at a time as there are threads; `on_done` receives the number
+/// of finished views.
 pub(crate) fn for_all_views<T: Send>(
     count: usize,
     work: impl Fn(usize) -> Result<T, VamvsError> + Sync,
