@@ -7,6 +7,7 @@ mod fusion;
 mod input;
 mod refine;
 mod synth;
+mod tasks;
 #[cfg(feature = "net")]
 mod train;
 
@@ -31,6 +32,9 @@ pub use input::InputFlags;
 pub use refine::RefineArguments;
 pub use synth::{AssetFlags, SynthArguments};
 #[cfg(feature = "net")]
+pub use tasks::{DepthCommand, DepthStepFlags, DepthTask, TasksArguments};
+pub use tasks::{FusionStepFlags, FusionTask};
+#[cfg(feature = "net")]
 pub use train::{SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
 
 /// Dense multi-view stereo: photographs with known cameras to depth maps and one coloured point cloud.
@@ -52,7 +56,11 @@ pub enum Command {
     /// Make depth maps from photographs and cameras.
     #[cfg(feature = "net")]
     #[command(after_help = "Example:\n  vamvs depth --colmap sparse/0 --images images --out out")]
-    Depth(DepthArguments),
+    Depth(DepthCommand),
+    /// Write a reconstruction as tasks for many machines: one JSON object a line, each a `vamvs` command.
+    #[cfg(feature = "net")]
+    #[command(after_help = tasks::EXAMPLES)]
+    Tasks(TasksArguments),
     /// Refine depth maps to the full resolution of their photographs, with normals.
     #[command(after_help = refine::EXAMPLES)]
     Refine(RefineArguments),
@@ -198,6 +206,9 @@ pub struct FuseArguments {
     /// Exports for other programs.
     #[command(flatten)]
     pub export: ExportFlags,
+    /// One step of a fusion that is spread over processes.
+    #[command(flatten)]
+    pub step: FusionStepFlags,
     /// Write no report.html next to the depth maps. (A cloud in another folder gets none.)
     #[arg(long)]
     pub no_report: bool,

@@ -1,9 +1,11 @@
 //! A dense cloud of coloured, oriented points.
 
+use serde::{Deserialize, Serialize};
+
 use crate::Rgb;
 
 /// One point of a cloud.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CloudPoint {
     /// Position in the world.
     pub x_in_world: [f64; 3],

@@ -15,7 +15,8 @@ pub(crate) struct SeenView {
     pub colour: Grid<Rgb>,
     /// Normals in the world's frame.
     pub normal: Grid<PackedNormal>,
-    /// Pixels of which all around are on the same surface. The others may have colours of what is beside it.
+    /// Pixels whose whole 5×5 window lies on one surface. Others may show the colour of what is
+    /// beside it.
     pub inner: BitGrid,
 }
 
@@ -36,7 +37,7 @@ impl SeenView {
     }
 }
 
-/// The normals of a view and which of its pixels are not at an edge.
+/// The normals of a view, and its pixels that are not at an edge.
 fn normals_in_world(view: &FilteredView, given: Option<&Grid<[f32; 3]>>) -> (Grid<PackedNormal>, BitGrid) {
     let (size, world_from_cam) = (view.size(), view.cam_from_world.rotation.transpose().cast::<f32>());
     let (mut normals, mut inner) = (Grid::filled(size, PackedNormal::default()), BitGrid::zeros(size));

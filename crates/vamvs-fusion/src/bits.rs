@@ -1,9 +1,10 @@
 //! One bit a pixel.
 
+use serde::{Deserialize, Serialize};
 use vamvs_core::Size;
 
 /// A raster of bits; each row begins with a new word, so that rows can be written in parallel.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct BitGrid {
     words_per_row: usize,
     words: Vec<u64>,
@@ -21,7 +22,7 @@ impl BitGrid {
         self.words[y * self.words_per_row + x / 64] >> (x % 64) & 1 == 1
     }
 
-    /// Whether the bit of a pixel is 1 that has this place in a raster of this width.
+    /// Whether the bit of the pixel at index `place` of a raster of this width is 1.
     pub fn at(&self, place: usize, width: usize) -> bool {
         let (place, width) = (place as u32, width as u32);
         let y = place / width;

@@ -1,4 +1,4 @@
-//! Views in memory: loaded as needed or ahead of use, the least recently used given up first.
+//! Views in memory: loaded as needed or ahead of use, the least recently used dropped first.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -9,8 +9,8 @@ use crate::FuseError;
 use crate::appearance::SeenView;
 use crate::photometric::FilteredView;
 
-/// Bytes that loading a view takes for a while, as multiples of what the view takes afterwards: files, and
-/// rasters that are not kept.
+/// Temporary memory for loading a view (files, rasters that are not kept), as a multiple of the
+/// memory of the loaded view.
 const LOADING: usize = 3;
 
 /// A view as a pass needs it.
@@ -34,7 +34,8 @@ impl Held for SeenView {
 /// Loads a view of this number.
 type Load<'a, T> = dyn Fn(usize) -> Result<T, FuseError> + Sync + 'a;
 
-/// Views, at most `capacity` bytes of them, those being loaded included, unless those in use need more.
+/// Views of at most `capacity` bytes, including those being loaded, unless the views in use need
+/// more.
 pub(crate) struct ViewCache<'a, T> {
     load: Box<Load<'a, T>>,
     capacity: usize,
@@ -42,9 +43,9 @@ pub(crate) struct ViewCache<'a, T> {
     clock: u64,
     /// Bytes of the largest view so far: what the next one is expected to take.
     largest: usize,
-    /// Bytes that others took from the capacity.
+    /// Bytes of the capacity that other data takes.
     set_aside: usize,
-    /// Most bytes held at a time, what is set aside and loaded included.
+    /// Peak of the bytes held, including those set aside and those for loading.
     most: usize,
 }
 
@@ -59,18 +60,18 @@ impl<'a, T: Held> ViewCache<'a, T> {
         Self { load, capacity, held: BTreeMap::new(), clock: 0, largest: 0, set_aside: 0, most: 0 }
     }
 
-    /// Leaves so many bytes less to views.
+    /// Sets this many more bytes of the capacity aside for other data.
     pub fn set_aside(&mut self, bytes: usize) {
         self.set_aside += bytes;
     }
 
-    /// The most bytes that were held at a time, with those set aside.
+    /// The peak of the bytes held, with those set aside.
     pub fn most_bytes(&self) -> usize {
         self.most
     }
 
-    /// Does some work with the views `now`, in the order asked for. Meanwhile those of `next` that are not held are
-    /// loaded by other threads, as far as there is room.
+    /// Runs `work` on the views `now`, in this order. Meanwhile other threads load those of `next`
+    /// that are not held, as far as there is room.
     pub fn with<R>(
         &mut self,
         now: &[usize],
@@ -104,7 +105,7 @@ impl<'a, T: Held> ViewCache<'a, T> {
         Ok(found)
     }
 
-    /// Those of the views not held for which there is room beside all that is in use, the first ones first.
+    /// The first of `views` that are not held and fit next to all views in use.
     fn room_for(&mut self, views: &[usize]) -> Vec<usize> {
         self.touch(views);
         let mut missing = self.missing(views);
@@ -140,12 +141,12 @@ impl<'a, T: Held> ViewCache<'a, T> {
         self.set_aside + self.held.values().map(|held| held.view.bytes()).sum::<usize>()
     }
 
-    /// Bytes that it takes for a while to load so many views.
+    /// Temporary bytes for loading so many views.
     fn loading(&self, views: usize) -> usize {
         views.min(rayon::current_num_threads()) * LOADING * self.largest
     }
 
-    /// Gives up views until `needed` bytes are free, but none that was asked for just now.
+    /// Drops views until `needed` bytes are free, but none of the current request.
     fn make_room(&mut self, needed: usize) {
         let mut bytes = self.bytes();
         while bytes + needed > self.capacity {
@@ -158,7 +159,7 @@ impl<'a, T: Held> ViewCache<'a, T> {
     }
 }
 
-/// Loads views in parallel; the error, if there is one, is that of the first of them.
+/// Loads views in parallel; an error is that of the first view that failed.
 fn load_all<T: Send>(load: &Load<'_, T>, views: &[usize]) -> Result<Vec<T>, FuseError> {
     let loaded: Vec<_> = views.par_iter().map(|&view| load(view)).collect();
     loaded.into_iter().collect()
@@ -179,7 +180,7 @@ mod tests {
         }
     }
 
-    /// A cache with room for so many bytes whose loads are counted and of which view 8 is missing.
+    /// A cache of this capacity that counts its loads; view 8 is missing.
     fn counting(capacity: usize, loads: &AtomicUsize) -> ViewCache<'_, Number> {
         ViewCache::new(capacity, |view| {
             loads.fetch_add(1, Ordering::Relaxed);

@@ -1,12 +1,14 @@
-//! The rules by which a pixel is confirmed: does enough speak for its depth?
+//! The rules that decide whether source views confirm the depth of a pixel.
 //!
-//! The dynamic rule lets each source view vote. A vote is the geometric mean of the source's and the pixel's own
-//! confidence, times 1 − e, with e the error of the way back as a share of what is allowed ([`Answers::error`]), times the
-//! triangulation angle up to [`FULL_PARALLAX`]. Views that see through the point to a surface clearly behind it vote
-//! against it. The sum of votes times the number of views that agree must reach [`FuseOptions::min_support`]. So few views
-//! must agree within fractions of what is allowed and be sure, and many may use all of it, as in the dynamic consistency
-//! checking of D2HC-RMVSNet (Yan et al. 2020), but without steps. All of it is shares and angles, so it does not depend on
-//! the scene's scale. The numbers are those of the ablation `crates/vamvs/examples/fusion_ablation.rs`.
+//! In the dynamic rule each source view votes. A vote is the geometric mean of the source's and the
+//! pixel's own confidence, times 1 − e, where e is the error of the round trip as a share of its
+//! threshold ([`Answers::error`]), times the triangulation angle as a share of [`FULL_PARALLAX`],
+//! at most 1. Views that see through the point to a surface clearly behind it (free-space
+//! violations) vote against it. The sum of votes times the number of views that agree must reach
+//! [`FuseOptions::min_support`]. So few views must agree closely and be confident, while many may
+//! agree loosely, as in the dynamic consistency checking of D2HC-RMVSNet (Yan et al. 2020), but
+//! without steps. All terms are shares and angles, so the rule does not depend on the scene's
+//! scale. The constants are those of the ablation `crates/vamvs/examples/fusion_ablation.rs`.
 
 #![allow(
     clippy::needless_range_loop,
@@ -19,7 +21,7 @@ use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits};
 use crate::wide::widened;
 use crate::{Consistency, FuseOptions};
 
-/// The triangulation angle from which on a vote counts in full, radians (2°).
+/// The triangulation angle from which a vote counts in full, radians (2°).
 const FULL_PARALLAX: f32 = 0.035;
 
 /// A view sees through a point if what it sees there lies behind it by more than this many times
@@ -33,7 +35,7 @@ pub(crate) struct Rule<'a> {
     options: &'a FuseOptions,
 }
 
-/// What the views asked so far said of the pixels of a strip.
+/// What the views asked so far answered for the pixels of a strip.
 struct Tally {
     /// Views that agree.
     views: Lanes,
@@ -48,7 +50,7 @@ impl<'a> Rule<'a> {
         Self { reference, pairs, options }
     }
 
-    /// The pixels of a strip of the row `y` from pixel `first` on that are confirmed, one bit each.
+    /// The confirmed pixels of a strip that begins at pixel `first` of row `y`, one bit each.
     pub fn confirmed(&self, strip: &Strip, (first, y): (usize, usize)) -> u64 {
         let asked = bits(&strip.inverse_depth.map(|w| w > 0.0));
         let needed = self.needed(first, y);
@@ -65,7 +67,7 @@ impl<'a> Rule<'a> {
         asked & self.accepted(&tally, &needed)
     }
 
-    /// The votes that each pixel needs: the less sure its own view is, the more.
+    /// The votes that each pixel needs: the less confident the pixel, the more.
     fn needed(&self, first: usize, y: usize) -> Lanes {
         let mut needed = [f32::INFINITY; LANES];
         let own = &self.reference.confidence.row(y)[first..];
@@ -74,7 +76,7 @@ impl<'a> Rule<'a> {
         needed
     }
 
-    /// The pixels of which the rest of the views, so many, cannot change the outcome.
+    /// The pixels whose outcome the remaining `rest` views cannot change.
     fn decided(&self, tally: &Tally, needed: &Lanes, rest: usize) -> u64 {
         let missing = (self.options.min_views - 1) as f32 - rest as f32;
         let hopeless = bits(&tally.views.map(|views| views < missing));
@@ -99,7 +101,8 @@ impl<'a> Rule<'a> {
 }
 
 widened! {
-    /// Counts what a source view answered; `margin` is the share by which what it sees through to is behind.
+    /// Counts the answers of a source view. It votes against points that are in front of its
+    /// surface by more than the share `margin` of its depth.
     fn count(pair: &Pair<'_>, answers: &Answers, margin: f32, tally: &mut Tally) = count_any;
 }
 
@@ -129,7 +132,8 @@ mod tests {
 
     const SIZE: Size = Size::new(64, 48);
 
-    /// A camera at (x, 0, 0) that looks along z at a wall, its depth off by a share, with a confidence.
+    /// A camera at (x, 0, 0) that looks along z at a wall at depth 10, with the relative error of
+    /// its depths and their confidence.
     #[derive(Clone, Copy)]
     struct Wall {
         x: f64,

@@ -4,7 +4,7 @@ use vamvs_core::Size;
 
 use crate::OptionsError;
 
-/// An error of the caller's: of its source of depth maps or of its sink of points.
+/// An error of the caller: of its source of depth maps or its sink of points.
 pub type BoxError = Box<dyn std::error::Error + Send + Sync>;
 
 /// Why a fusion stopped.
@@ -21,7 +21,7 @@ pub enum FuseError {
         /// Number of lists.
         found: usize,
     },
-    /// A source view that is none.
+    /// A source view that does not exist.
     #[error("view {view} names {neighbour} as a source view, but there are only views 0 to {}", .len - 1)]
     Neighbour {
         /// The reference view.
@@ -44,7 +44,7 @@ pub enum FuseError {
     Size {
         /// The view.
         view: usize,
-        /// Camera, confidence, coarse confidence, colour or mask.
+        /// Camera, confidence, coarse confidence, colour, normals or mask.
         what: &'static str,
         /// The depth map's size.
         expected: Size,
@@ -54,7 +54,7 @@ pub enum FuseError {
     /// The caller ended the fusion.
     #[error("the fusion was cancelled")]
     Cancelled,
-    /// The sink did not take the points.
+    /// The sink failed.
     #[error("the fused points could not be written")]
     Sink(#[source] BoxError),
 }

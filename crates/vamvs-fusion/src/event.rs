@@ -1,4 +1,4 @@
-//! What a fusion tells while it works, and where its points go.
+//! Progress events of a fusion, and where its points go.
 
 use std::ops::ControlFlow;
 
@@ -7,11 +7,11 @@ use crate::{BoxError, FuseError, FusedPoints};
 /// Where points go.
 pub(crate) type Sink<'a> = dyn FnMut(&FusedPoints) -> Result<(), BoxError> + 'a;
 
-/// Takes how far a fusion is and says whether it goes on: `ControlFlow::Break(())` ends it with
-/// [`FuseError::Cancelled`].
+/// Receives progress events and says whether the fusion goes on: `ControlFlow::Break(())` ends it
+/// with [`FuseError::Cancelled`].
 pub type OnFuseEvent<'a> = dyn FnMut(FuseEvent) -> ControlFlow<()> + 'a;
 
-/// Tells how far a fusion is.
+/// Sends an event; an error if the caller cancels.
 pub(crate) fn tell(on_event: &mut OnFuseEvent<'_>, event: FuseEvent) -> Result<(), FuseError> {
     match on_event(event) {
         ControlFlow::Continue(()) => Ok(()),
@@ -19,17 +19,17 @@ pub(crate) fn tell(on_event: &mut OnFuseEvent<'_>, event: FuseEvent) -> Result<(
     }
 }
 
-/// How far a fusion is.
+/// Progress of a fusion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FuseEvent {
-    /// The first pass is through with a view.
+    /// The first pass has finished a view.
     Filtered {
         /// The view.
         view: usize,
         /// Pixels that passed all filters.
         kept: u64,
     },
-    /// The second pass is through with a view; its points are with the sink.
+    /// The second pass has finished a view; the sink has its points.
     Merged {
         /// The view.
         view: usize,

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector2;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use vamvs_core::{Pose, Roi};
 
 use crate::bits::BitGrid;
@@ -11,16 +12,23 @@ use crate::photometric::{FilteredView, focal};
 use crate::round_trip::{LANES, Strip};
 use crate::{FuseOptions, ViewReport};
 
-/// What the filters left of a view.
-#[derive(Default)]
-pub(crate) struct ConsistentPixels {
+/// The pixels of a view that passed the filters.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ConsistentPixels {
+    /// Their counts.
+    pub counts: Counts,
     /// The pixels that are kept.
-    pub bits: BitGrid,
-    /// How many of them there are.
-    pub count: u64,
+    pub(crate) bits: BitGrid,
+}
+
+/// The counts of the first pass for a view.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Counts {
+    /// Pixels that are kept.
+    pub consistent: u64,
     /// The sum of their sizes on the surface (depth over focal length), scene units.
     pub footprints: f64,
-    /// What was removed so far.
+    /// What the filters removed.
     pub report: ViewReport,
 }
 
@@ -39,8 +47,9 @@ pub(crate) fn keep(
     report.outside_roi = rows.iter().map(|row| row.outside_roi).sum();
     report.inconsistent = rows.iter().map(|row| row.inconsistent).sum();
     let depths: f64 = rows.iter().map(|row| row.depths).sum();
-    let count = rows.iter().map(|row| row.kept).sum();
-    ConsistentPixels { bits: kept, count, footprints: depths / focal(&reference.camera), report }
+    let consistent = rows.iter().map(|row| row.kept).sum();
+    let footprints = depths / focal(&reference.camera);
+    ConsistentPixels { counts: Counts { consistent, footprints, report }, bits: kept }
 }
 
 struct RowFilter<'a> {
@@ -72,7 +81,7 @@ impl RowFilter<'_> {
 }
 
 impl RowCount {
-    /// Counts the pixels of a strip of which those of `kept` are confirmed.
+    /// Counts the pixels of a strip; those of `kept` are confirmed.
     fn add(&mut self, kept: u64, strip: &Strip) {
         for (lane, &inverse_depth) in strip.inverse_depth.iter().enumerate() {
             if kept >> lane & 1 == 1 {
@@ -96,7 +105,7 @@ impl<'a> RoiTest<'a> {
         Self { reference, world_from_cam: reference.cam_from_world.inverse(), roi }
     }
 
-    /// Takes the pixels outside of the region out of the strip, and tells their number.
+    /// Removes the pixels outside of the region from the strip; returns their number.
     fn remove_outside(&self, strip: &mut Strip) -> u64 {
         let mut removed = 0;
         for (&x, inverse_depth) in strip.x.iter().zip(&mut strip.inverse_depth) {

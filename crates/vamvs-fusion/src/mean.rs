@@ -1,4 +1,4 @@
-//! What several views say of a point, put together.
+//! Combines what several views measure of a point.
 
 use nalgebra::Vector3;
 use vamvs_core::{CloudPoint, Pose, Rgb};
@@ -8,23 +8,27 @@ use crate::pair::Pair;
 use crate::photometric::focal;
 use crate::round_trip::Answers;
 
-/// The least confidence that a depth counts with.
+/// The least confidence in the weight of a depth.
 const LEAST_CONFIDENCE: f32 = 0.02;
 
-/// What the colour of a pixel at an edge counts against that of others: it may be that of what is beside it.
+/// Weight of the colour of a pixel at an edge, which may be that of a surface beside it; 1
+/// elsewhere.
 const AT_EDGE: f32 = 1.0 / 64.0;
 
-/// The largest weight of a source's depth against that of the reference view, for its smaller pixels.
+/// The largest weight of a source's depth relative to that of the reference view, for its smaller
+/// footprint.
 const MOST_DETAIL: f32 = 4.0;
 
-/// Tangent planes that the ray meets at a smaller cosine than this say nothing of the depth along it.
+/// Below this cosine between ray and normal, a tangent plane does not determine the depth along the
+/// ray.
 const LEAST_COSINE: f32 = 0.1;
 
-/// Depths that differ from the others by this share of [`Pair::max_relative_depth`] count half.
+/// A depth that differs from the median by this share of [`Pair::max_relative_depth`] has half the
+/// weight.
 const HALF_WEIGHT: f32 = 0.25;
 
-/// A pixel of the reference view that becomes a point, with what all views that agree say of it. Positions are in the
-/// reference camera's frame.
+/// A pixel of the reference view that becomes a point, with the measurements of all views that
+/// agree. Positions are in the reference camera's frame.
 pub(crate) struct Mean<'a> {
     reference: &'a SeenView,
     /// The pixel's ray, with z = 1.
@@ -45,7 +49,7 @@ pub(crate) struct Mean<'a> {
 }
 
 impl<'a> Mean<'a> {
-    /// What the reference view itself says of its pixel (x, y).
+    /// The measurement of the reference view at its pixel (x, y).
     pub fn new(reference: &'a SeenView, (x, y): (usize, usize)) -> Self {
         let view = &reference.filtered;
         let k = &view.camera.intrinsics;
@@ -71,7 +75,7 @@ impl<'a> Mean<'a> {
         mean
     }
 
-    /// Adds what a source view answered in a lane in which it agrees.
+    /// Adds the answer of a source view in a lane in which it agrees.
     pub fn add(&mut self, pair: &Pair<'_>, source: &SeenView, answers: &Answers, lane: usize) {
         let (inverse_depth, pixel) = (answers.inverse_depth[lane], answers.pixel[lane] as usize);
         let position = self.in_reference(answers, lane);
@@ -83,7 +87,8 @@ impl<'a> Mean<'a> {
         self.add_look(source, pixel, ratio.min(1e3).powi(4));
     }
 
-    /// The point in the world; so many views agree on it. `max_relative_depth` is how much their depths may differ.
+    /// The point in the world; `max_relative_depth` is the largest relative difference of depths
+    /// that agree.
     pub fn point(mut self, world_from_cam: &Pose, max_relative_depth: f32) -> CloudPoint {
         let views = self.depths.len();
         let depth = robust_mean(&mut self.depths, HALF_WEIGHT * max_relative_depth);
@@ -116,7 +121,7 @@ impl<'a> Mean<'a> {
         self.colour_weight += weight;
     }
 
-    /// The source's surface point.
+    /// The source's surface point in the reference camera's frame.
     fn in_reference(&self, answers: &Answers, lane: usize) -> Vector3<f32> {
         let k = &self.reference.filtered.camera.intrinsics;
         let [x, y, z] = [0, 1, 2].map(|i| answers.back[i][lane]);
@@ -141,8 +146,8 @@ impl<'a> Mean<'a> {
     }
 }
 
-/// The mean of weighted values, of which those far from the weighted median count less: half if their distance is the
-/// share `half_weight` of it (Cauchy's weight).
+/// The robust mean of weighted values: a value whose distance to the weighted median is the share
+/// `half_weight` of it has half its weight (Cauchy).
 fn robust_mean(values: &mut [[f32; 2]], half_weight: f32) -> f32 {
     values.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
     let median = weighted_median(values);
@@ -157,7 +162,7 @@ fn robust_mean(values: &mut [[f32; 2]], half_weight: f32) -> f32 {
     median + sum / weights
 }
 
-/// The value with half of the weight before it, between two values where it is between them; `values` ascend.
+/// The weighted median of ascending `values`; the mean of two values if it lies between them.
 fn weighted_median(values: &[[f32; 2]]) -> f32 {
     let half = 0.5 * values.iter().map(|[_, weight]| weight).sum::<f32>();
     let mut before = 0.0;

@@ -1,4 +1,4 @@
-//! From kept pixels to points, each place once (section 4.2.2).
+//! Turns kept pixels into points, one for each place (section 4.2.2).
 
 #![allow(
     clippy::needless_range_loop,
@@ -18,12 +18,12 @@ use crate::pair::Pair;
 use crate::priority::Ranking;
 use crate::round_trip::{Answers, LANES, Strip, ask, bits, inverse_depths_in_source};
 
-/// Pixels that become points at once, so that the points of a large view take little memory.
+/// Number of pixels in a batch, so that the points of a large view take little memory.
 const BATCH: usize = 1 << 18;
 
 /// A pixel that agrees on a point may be nearer than the point by this many times
-/// [`FuseOptions::max_relative_depth`](crate::FuseOptions::max_relative_depth): once for the surface that agrees, once for the
-/// pixels around a place that is interpolated, once to be safe.
+/// [`FuseOptions::max_relative_depth`](crate::FuseOptions::max_relative_depth): once for the
+/// threshold of agreement, once for the interpolation between pixels, once as a margin.
 const NEARER: f32 = 3.0;
 
 /// A reference view with all views that may see the same places.
@@ -79,7 +79,7 @@ impl Merger<'_> {
         points
     }
 
-    /// The kept pixels of a row that no view takes that comes before the reference view.
+    /// The kept pixels of a row whose places no view of higher priority takes.
     fn first_comers(&self, y: usize, answers: &mut [Answers]) -> Vec<usize> {
         let mut pixels = Vec::new();
         let row = self.reference.filtered.inverse_depth.row(y);
@@ -98,8 +98,9 @@ impl Merger<'_> {
         pixels
     }
 
-    /// The lanes in which another view may come before the reference view if it agrees: its depth is nearly the point's
-    /// then, and that is quickly told. Views that agree are asked in one direction, most often.
+    /// The lanes in which another view may come before the reference view if it agrees. If it
+    /// agrees, its depth is close to that of the point, which is cheap to compute; so most round
+    /// trips are needed in one direction only.
     fn may_come_first(&self, other: &RivalView<'_>, strip: &Strip) -> u64 {
         let mut inverse_depth = [0.0; LANES];
         inverse_depths_in_source(&other.pair, strip, &mut inverse_depth);
@@ -112,7 +113,8 @@ impl Merger<'_> {
         bits(&may)
     }
 
-    /// The lanes among those `open` in which another view keeps the place and comes before the reference view.
+    /// The lanes among those `open` whose place another view keeps and takes, because it comes
+    /// before the reference view.
     fn taken(&self, other: &RivalView<'_>, strip: &Strip, answers: &Answers, open: u64) -> u64 {
         let width = other.seen.filtered.size().width;
         let mut agreeing = answers.agreeing() & open;
@@ -131,7 +133,7 @@ impl Merger<'_> {
         taken
     }
 
-    /// Some pixels of a row.
+    /// A strip of some pixels of row `y`.
     fn strip(&self, pixels: &[usize], y: usize) -> Strip {
         let mut strip = Strip::empty(y as f32 + 0.5);
         for (lane, &x) in pixels.iter().enumerate() {
@@ -141,7 +143,7 @@ impl Merger<'_> {
         strip
     }
 
-    /// Makes a point of a pixel and of what all views answered in its lane.
+    /// Makes a point of a pixel and the answers of all views in its lane.
     fn push_point(
         &self,
         pixel: (usize, usize),

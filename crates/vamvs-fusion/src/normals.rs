@@ -74,7 +74,7 @@ pub(crate) fn fits_of_row(view: &FilteredView, y: usize) -> Vec<Fit> {
     fits
 }
 
-/// The rows around row `y`, with so many zeros at their ends and above and below the image that windows never end.
+/// The rows around row `y`, with zeros around the image so that all windows lie inside.
 fn padded_rows(view: &FilteredView, y: usize) -> Vec<Vec<f32>> {
     let size = view.size();
     let padded = |j: usize| {
@@ -102,7 +102,8 @@ fn fit_rows_any(rows: &[Vec<f32>], edge_step: f32, fits: &mut [Fit]) {
     }
 }
 
-/// Sums over the pixels of one surface, relative to the middle pixel, for neighbouring pixels.
+/// Sums over the windows of neighbouring pixels, one lane each, of those pixels on the surface of
+/// the middle pixel, relative to it.
 #[derive(Default)]
 struct Moments {
     n: [f32; LANES],

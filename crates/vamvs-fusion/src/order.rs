@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeSet, VecDeque};
 
-/// All views, such that those that are compared with one another come close together, as in Cuthill's and
-/// McKee's ordering of sparse matrices: breadth first over the neighbours, from a view at the edge. So what
-/// is in memory is what is needed next, whatever the order of the photographs. `neighbours` are mutual.
+/// All views, such that views that are compared are close in the order (Cuthill–McKee): breadth
+/// first over the neighbours, from a view at the edge. So most of the maps that a view needs are in
+/// memory, whatever the order of the photographs. `neighbours` are mutual.
 pub(crate) fn by_neighbourhood(neighbours: &[Vec<usize>]) -> Vec<usize> {
     let mut order = Vec::with_capacity(neighbours.len());
     let mut placed = vec![false; neighbours.len()];

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-/// A unit normal, or none, as a point of the octahedron folded onto a square (Cigolle et al. 2014): within 0.006°.
+/// A unit normal or none, in octahedral encoding (Cigolle et al. 2014), exact to 0.006°.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PackedNormal([i16; 2]);
 
@@ -13,7 +13,7 @@ const NONE: i16 = i16::MIN;
 const SCALE: f32 = i16::MAX as f32;
 
 impl PackedNormal {
-    /// The nearest that can be packed; none of what has no length.
+    /// The nearest normal that can be packed; none for a vector without length.
     #[inline]
     pub fn new([x, y, z]: [f32; 3]) -> Self {
         let sum = x.abs() + y.abs() + z.abs();
@@ -22,7 +22,7 @@ impl PackedNormal {
         }
         let (u, v) = (x / sum, y / sum);
         let (u, v) = if z < 0.0 { folded(u, v) } else { (u, v) };
-        // To the nearest: `as` cuts off.
+        // Rounds to the nearest: `as` truncates.
         Self([u, v].map(|c| (c * SCALE + 0.5_f32.copysign(c)) as i16))
     }
 
@@ -40,7 +40,7 @@ impl PackedNormal {
     }
 }
 
-/// The lower half of the octahedron lies around the upper one's square.
+/// Swaps the lower half of the octahedron with the corners of the square, where it is stored.
 #[inline]
 fn folded(u: f32, v: f32) -> (f32, f32) {
     ((1.0 - v.abs()).copysign(u), (1.0 - u.abs()).copysign(v))

@@ -1,4 +1,4 @@
-//! A reference view and a source view: pixels of one are taken to the other and back.
+//! A reference view and a source view: pixels are projected from one to the other and back.
 
 use nalgebra::{Matrix3, Vector3};
 use vamvs_core::Pose;
@@ -17,9 +17,9 @@ pub(crate) struct Pair<'a> {
     pub reference_from_source: Pose,
     pub to_source: Transfer,
     pub to_reference: Transfer,
-    /// How far a pixel may come back from itself, pixels.
+    /// Largest reprojection error, pixels.
     pub max_reprojection: f32,
-    /// How much the depth that comes back may differ, as a share.
+    /// Largest relative difference of the depth that is projected back.
     pub max_relative_depth: f32,
     /// 1 over the source's focal length in pixels.
     pub radians_per_pixel: f32,

@@ -1,4 +1,4 @@
-//! The photometric filter: depths that are there, count and are confident (section 4.2.2).
+//! The photometric filter: keeps depths that are valid, unmasked and confident (section 4.2.2).
 
 use rayon::prelude::*;
 use vamvs_core::depth_map::is_valid;

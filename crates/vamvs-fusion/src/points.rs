@@ -1,9 +1,10 @@
 //! Fused points with the views that agree on them.
 
+use serde::{Deserialize, Serialize};
 use vamvs_core::CloudPoint;
 
-/// Points, each with the numbers of the views that agree on it, that which made it first.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// Points, each with the numbers of the views that agree on it; the view that made it comes first.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FusedPoints {
     points: Vec<CloudPoint>,
     /// The views of all points, one after the other.

@@ -6,10 +6,10 @@ use crate::photometric::{FilteredView, focal};
 /// (depth over focal length) comes first. Footprints are compared in steps of half an octave, so that
 /// neighbouring pixels decide alike; at equal steps the view with the lower number comes first.
 ///
-/// A pixel has one rank, of the depth at its own centre, whichever pixel asks for it. So the order is strict over
-/// the pixels of all views: those that leave a place to one another form chains of falling ranks, and each
-/// chain ends at a pixel that makes a point. (With the depth at the place asked for, which is not the pixel's
-/// centre, two pixels on both sides of a step could each leave their place to the other.)
+/// A pixel's rank depends only on the depth at its own centre, so the order is strict over the
+/// pixels of all views: pixels that leave a place to one another form chains of falling ranks, and
+/// each chain ends at a pixel that makes a point. (With depths interpolated elsewhere, two pixels
+/// on both sides of a step could each leave the place to the other.)
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Rank {
     half_octaves: u32,

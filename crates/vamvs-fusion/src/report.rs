@@ -55,7 +55,7 @@ impl Sum for ViewReport {
 }
 
 impl ViewReport {
-    /// What became of the pixels in words, each with its count, those that got farther later.
+    /// The outcomes in words with their counts, in the order of the filters.
     #[must_use]
     pub fn outcomes(&self) -> [(&'static str, u64); 7] {
         [

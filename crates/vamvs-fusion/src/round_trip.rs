@@ -1,8 +1,8 @@
-//! The way from pixels of a reference view to a source view's surface and back, for many pixels at once.
+//! Projects pixels of a reference view to the surface of a source view and back, many at once.
 //!
-//! A pixel with its depth is seen at some place of the source view; the source's depth there is taken back to
-//! the reference view. If both see the same surface, it comes back near the pixel and near its depth
-//! (section 4.2.2).
+//! A pixel with its depth is projected into the source view, and the depth there is projected back
+//! to the reference view. If both see the same surface, it comes back near the pixel and near its
+//! depth (section 4.2.2).
 
 #![allow(
     clippy::needless_range_loop,
@@ -12,7 +12,7 @@
 use crate::pair::Pair;
 use crate::wide::widened;
 
-/// Pixels that go at once: those of a word of [`BitGrid`](crate::bits::BitGrid).
+/// Number of pixels projected at once: one word of [`BitGrid`](crate::bits::BitGrid).
 pub(crate) const LANES: usize = 64;
 
 /// A number for each pixel of a strip.
@@ -29,32 +29,34 @@ pub(crate) struct Strip {
     pub inverse_depth: Lanes,
 }
 
-/// What a source view says of the pixels of a strip.
+/// The answers of a source view for the pixels of a strip.
 #[derive(Clone, Debug)]
 pub(crate) struct Answers {
-    /// By how much the way back misses the pixel or its depth, whichever is worse, as a share of what is allowed:
-    /// below 1 the source agrees. Infinite where the source sees nothing.
+    /// The reprojection error or the relative error of the depth, whichever is larger as a share of
+    /// its threshold: below 1 the source agrees. Infinite where the source sees nothing.
     pub error: Lanes,
     /// The source's inverse depth.
     pub inverse_depth: Lanes,
-    /// The place of the source's pixel in its rasters.
+    /// The index of the source's pixel in its rasters.
     pub pixel: Lanes<u32>,
-    /// The source's surface point as a homogeneous reference pixel over the source depth.
+    /// The source's surface point as a homogeneous pixel of the reference view, divided by the
+    /// source depth.
     pub back: [Lanes; 3],
-    /// The angle between the rays of both views at the point, radians, as long as it is small.
+    /// The triangulation angle, radians, in small-angle approximation.
     pub parallax: Lanes,
-    /// How much farther than the point all the source's depths around are, as a share of their inverse: 0 if they are
-    /// as near, 1 if they are infinitely far. Negative where the source sees nothing or something nearer.
+    /// How far the surface of the source is behind the point: 1 − z / s, where z is the depth of
+    /// the point in the source view and s the nearest of the four depths around; 0 at the point, 1
+    /// at infinity. Negative where the source sees nothing or something nearer.
     pub behind: Lanes,
 }
 
 impl Strip {
-    /// A strip without pixels at the row with the centre `y`.
+    /// A strip without pixels in the row whose centre is at `y`.
     pub fn empty(y: f32) -> Self {
         Self { y, x: [0.0; LANES], inverse_depth: [0.0; LANES] }
     }
 
-    /// The pixels from `first` on that have an inverse depth in `row`, its first that of pixel `first` of row `y`.
+    /// The pixels of row `y` from `first` on; `row` has their inverse depths.
     pub fn of_row(y: usize, first: usize, row: &[f32]) -> Self {
         let mut strip = Self::empty(y as f32 + 0.5);
         strip.inverse_depth[..row.len()].copy_from_slice(row);
@@ -97,7 +99,7 @@ pub(crate) fn bits(lanes: &Lanes<bool>) -> u64 {
 }
 
 widened! {
-    /// Asks the source view of a pair about the pixels of a strip.
+    /// Computes the answers of the source view of a pair for the pixels of a strip.
     pub(crate) fn ask(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) = ask_any;
 }
 
@@ -109,7 +111,7 @@ struct Seen {
     inverse_depth: Lanes,
     /// The upper left of the four pixels around, clamped to the image.
     corner: [Lanes; 2],
-    /// Its place in the rasters.
+    /// Its index in the rasters.
     place: Lanes<u32>,
     /// Whether the pixel is inside.
     inside: Lanes<bool>,
@@ -177,7 +179,7 @@ fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
         let u = (m[(0, 0)] * x + row_x + o.x * w) * per_z;
         let v = (m[(1, 0)] * x + row_y + o.y * w) * per_z;
         let inside = (w > 0.0) & (z > 0.0) & (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height);
-        // What is outside goes to the first pixel.
+        // Lanes outside of the image use its first pixel.
         let (u, v) = if inside { (u, v) } else { (0.5, 0.5) };
         let (du, dv) = (o.x - o.z * u, o.y - o.z * v);
         answers.parallax[lane] = (du * du + dv * dv).sqrt() * (w * per_z).abs() * pair.radians_per_pixel;
@@ -207,8 +209,9 @@ fn gather(values: &[f32], width: usize, places: &Lanes<u32>) -> [Lanes<[f32; 2]>
     [upper, lower]
 }
 
-/// The source's inverse depth at the place: bilinear (linear beyond the outermost centres) where the four pixels around
-/// agree, else that of the pixel there, at its centre. Gives the image coordinates that it is of.
+/// The source's inverse depth at the place: bilinear (linear beyond the outermost centres) where
+/// the four pixels around agree, else that of the nearest pixel, at its centre. Returns the image
+/// coordinates of the sample.
 #[inline(always)]
 fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes<[f32; 2]>; 2], answers: &mut Answers) -> [Lanes; 2] {
     let width = pair.source.size().width as u32;
@@ -266,7 +269,7 @@ fn come_back(
     }
 }
 
-/// The whole part of a coordinate in an image: `as` would look for values that no integer holds, one by one.
+/// The integer part of an image coordinate. `as` would check the range of every lane.
 #[inline(always)]
 fn whole(coordinate: f32) -> i32 {
     // SAFETY: coordinates are clamped to 0 and a raster's size, which is far below 2³¹; they are never NaN because
@@ -311,8 +314,8 @@ mod tests {
         view(x, Grid::filled(SIZE, depth), options)
     }
 
-    /// What `source` answers to a wall at depth 4 seen from the origin at image coordinates (x, 30.5), in one lane of
-    /// a strip that is empty else.
+    /// The answer of `source` for a wall at depth 4 seen from the origin at image coordinates (x,
+    /// 30.5), in one lane of an otherwise empty strip.
     fn answer(source: &FilteredView, x: f32, inverse_depth: f32, options: &FuseOptions) -> Answers {
         let pair = Pair::new(&wall(0.0, 4.0, options), 1, source, options);
         let mut strip = Strip::empty(30.5);

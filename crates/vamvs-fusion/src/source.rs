@@ -6,7 +6,7 @@ use vamvs_core::{DepthMap, Grid, Rgb, Size};
 
 use crate::{BoxError, FuseError};
 
-/// A depth map with the pixels of it that count. Both rasters have the depth map's size.
+/// A depth map with its mask. Both rasters have the depth map's size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaskedMap {
     /// Depth and confidence with their camera.
@@ -87,13 +87,13 @@ pub trait MapSource: Sync {
         self.len() == 0
     }
 
-    /// Loads a view; each time the same.
+    /// Loads a view; must give the same each time.
     ///
     /// # Errors
     /// If it cannot be loaded. Fusion stops then.
     fn load(&self, view: usize) -> Result<FusionView, Self::Error>;
 
-    /// Loads of a view only what decides whether its depths are kept; the same as [`MapSource::load`] gives.
+    /// Loads only the depth map and mask of a view, the same as [`MapSource::load`] gives.
     ///
     /// # Errors
     /// If it cannot be loaded. Fusion stops then.

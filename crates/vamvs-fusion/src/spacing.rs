@@ -1,16 +1,16 @@
-//! Points at least so far apart.
+//! Thins points to a least distance.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
 use crate::{FusedPoints, PointSpacing};
 
-/// Lets a point pass if none passed before that is nearer than the spacing. What passes depends on the order of the
-/// points alone. Takes some 60 bytes for each point that passes.
+/// Lets a point pass if none that passed before is nearer than the spacing. The result depends only
+/// on the order of the points. Takes some 60 bytes for each point that passes.
 pub(crate) struct Thinner {
     /// The least distance, scene units.
     spacing: f64,
-    /// The last point that passed in each cell of that size.
+    /// The last point that passed in each grid cell, with the spacing as its side.
     last: HashMap<u64, u32, BuildHasherDefault<CellHasher>>,
     /// The points that passed, each with the one before it in its cell, or `u32::MAX`.
     passed: Vec<([f64; 3], u32)>,
@@ -50,7 +50,7 @@ impl Thinner {
         true
     }
 
-    /// Whether a point of a cell is too near.
+    /// Whether a point that passed in a cell is too near.
     fn is_near(&self, cell: u64, x: &[f64; 3]) -> bool {
         let mut next = self.last.get(&cell).copied().unwrap_or(u32::MAX);
         while let Some((other, before)) = self.passed.get(next as usize) {

@@ -6,10 +6,11 @@ mod synthetic;
 use nalgebra::Vector3;
 use std::ops::ControlFlow;
 use synthetic::{Surface, all_others, views};
-use vamvs_core::{Cloud, Pose, Size};
+use vamvs_core::{Cloud, Part, Pose, Size};
 
 use vamvs_fusion::{
-    FuseEvent, FuseJob, FuseOptions, FuseReport, FusedPoints, FusionView, fuse, fuse_to_cloud,
+    Collector, ConsistentViews, Counts, FuseEvent, FuseJob, FuseOptions, FuseReport, FusedPoints, FusionView,
+    PointSpacing, Schedule, confirm, fuse, fuse_to_cloud, merge,
 };
 
 const SIZE: Size = Size::new(80, 60);
@@ -40,7 +41,7 @@ fn fused_with(views: &[FusionView], neighbours: &[Vec<usize>], memory: usize) ->
 #[test]
 fn threads_and_memory_do_not_change_a_bit() {
     let views = noisy_views();
-    // One view knows all others, the others those next to them, and none in the order of their numbers.
+    // One view has all others as neighbours, the others have two each.
     let neighbours = [vec![3, 5], vec![4, 2], vec![1, 5], vec![0, 1, 2, 4, 5], vec![1, 3], vec![0, 2]];
     let unlimited = fused_with(&views, &neighbours, usize::MAX / 2);
     assert!(unlimited.0.len() > 1000);
@@ -54,7 +55,62 @@ fn threads_and_memory_do_not_change_a_bit() {
     }
 }
 
-/// A view and its neighbours, what it takes to load them and the bits must fit, and no more is taken.
+/// The cloud of parts that share nothing but their results.
+#[allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+fn fused_in_parts(
+    views: &[FusionView],
+    neighbours: &[Vec<usize>],
+    options: &FuseOptions,
+    parts: usize,
+) -> Cloud {
+    let job = FuseJob { source: views, neighbours, options, roi: None, memory: 0 };
+    let schedule = Schedule::new(neighbours, views.len()).unwrap();
+    let confirmed = |part| confirm(&job, &schedule, part, &mut |_| ControlFlow::Continue(())).unwrap().0;
+    let pixels: Vec<ConsistentViews> = Part::all(parts).map(confirmed).collect();
+    let all: ConsistentViews = pixels.into_iter().flatten().collect();
+    let counts: Vec<Counts> = all.values().map(|pixels| pixels.counts).collect();
+    let mut batches = Vec::new();
+    for part in Part::all(parts) {
+        let needed = schedule.needed_to_merge(&schedule.merged_in(part));
+        let few = all.iter().filter(|(view, _)| needed.contains(view));
+        let few: ConsistentViews = few.map(|(view, pixels)| (*view, pixels.clone())).collect();
+        let mut take = |batch| {
+            batches.push(batch);
+            Ok(())
+        };
+        merge(&job, &schedule, part, (&few, &counts), &mut take).unwrap();
+    }
+    let mut cloud = Cloud::new();
+    let mut sink = |points: &FusedPoints| {
+        cloud.extend_from_slice(points.points());
+        Ok(())
+    };
+    let mut ignore = |_| ControlFlow::Continue(());
+    let mut collector = Collector::new(&counts, options, &mut sink, &mut ignore);
+    batches.into_iter().for_each(|batch| collector.take(batch).unwrap());
+    drop(collector.finish());
+    cloud
+}
+
+#[test]
+fn parts_make_the_cloud_of_the_whole() {
+    let views = noisy_views();
+    let neighbours = [vec![3, 5], vec![4, 2], vec![1, 5], vec![0, 1, 2, 4, 5], vec![1, 3], vec![0, 2]];
+    let mut thinned = FuseOptions::default();
+    thinned.point_spacing = Some(PointSpacing::Pixels(3.0));
+    for options in [FuseOptions::default(), thinned] {
+        let job =
+            FuseJob { source: &views[..], neighbours: &neighbours, options: &options, roi: None, memory: 0 };
+        let (whole, _) = fuse_to_cloud(&job).unwrap();
+        assert!(whole.len() > 200);
+        for parts in [1, 2, 3, 6, 8] {
+            assert!(fused_in_parts(&views, &neighbours, &options, parts) == whole, "{parts} parts");
+        }
+    }
+}
+
+/// A view, its neighbours, the memory to load them, and the bits must fit; the limit is not
+/// exceeded.
 #[test]
 fn memory_that_suffices_is_not_exceeded() {
     let views: Vec<_> = std::iter::repeat_n(noisy_views(), 5).flatten().collect();

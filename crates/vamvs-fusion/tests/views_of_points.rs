@@ -1,4 +1,4 @@
-//! The views that a point is said to be seen by, and the surface of a single view.
+//! The views listed for a point, and the surface of a single view.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -33,7 +33,8 @@ fn every_view_of_a_point_sees_it_and_that_which_made_it_comes_first() {
                 let map = &views[view as usize].map;
                 let x_in_cam = map.cam_from_world.transform(&point.x_in_world.into());
                 let pixel = map.camera.project_inside(&x_in_cam).unwrap();
-                // Views may agree within a pixel: at an outline the next one shows the point.
+                // Views may agree within a pixel: at an outline a neighbouring pixel shows the
+                // point.
                 let around = |i: usize| [pixel.x as usize + i % 3, pixel.y as usize + i / 3];
                 let depths = (0..9)
                     .map(around)

@@ -7,7 +7,7 @@ use crate::memory::{resident_bytes, spelled};
 pub(crate) struct Ceiling {
     /// The most that the process may hold, bytes.
     limit: u64,
-    /// What the next depth map takes beside what is kept, bytes.
+    /// Memory that the next depth map needs beside what is held, bytes.
     needed: u64,
     warned: bool,
 }
@@ -18,17 +18,17 @@ impl Ceiling {
         Self { limit: limit.bytes(), needed, warned: false }
     }
 
-    /// Whether the next depth map fits, or the system does not tell.
+    /// Whether the next depth map fits; true if the system does not report the memory in use.
     pub fn has_room(&self) -> bool {
         resident_bytes().is_none_or(|held| held.saturating_add(self.needed) <= self.limit)
     }
 
-    /// What to tell the user, once, where nothing more can be given up.
+    /// A warning if there is no room even with empty caches; given only once.
     pub fn warning(&mut self) -> Option<String> {
         let tight = !self.has_room() && !std::mem::replace(&mut self.warned, true);
         tight.then(|| {
             format!(
-                "memory is short: a depth map takes about {} beside the {} that are in use, and {} are allowed \
+                "memory is short: a depth map takes about {}, {} are in use already, and {} are allowed \
                  (--max-memory); features of photographs are not kept",
                 spelled(self.needed),
                 spelled(resident_bytes().unwrap_or(0)),

@@ -3,6 +3,7 @@
 mod in_memory;
 mod less_memory;
 mod maker;
+mod parts;
 mod region;
 mod run;
 mod second_pass;
@@ -12,6 +13,7 @@ use std::time::Duration;
 use vamvs_net::Profile;
 
 pub use in_memory::DepthMaps;
+pub use parts::{DepthStep, collect, estimate_part, record_file};
 
 use crate::event::OnEvent;
 use crate::output::{LeftOut, names};
@@ -29,11 +31,11 @@ pub struct DepthSummary {
     pub skipped: Vec<LeftOut>,
     /// Where the network's time went.
     pub profile: Profile,
-    /// Time to find out what is there already, and to read, undistort and reduce photographs.
+    /// Time to read, undistort and reduce photographs.
     pub reading: Duration,
-    /// Time to refine depth maps to the size of their photographs, by these alone.
+    /// Time of the first refinement pass, which uses photographs alone.
     pub refining: Duration,
-    /// Time to refine them once more with the depth maps of the source views.
+    /// Time of the geometric pass, which uses the depth maps of the source views too.
     pub refining_again: Duration,
     /// Time to write depth maps.
     pub writing: Duration,
@@ -45,23 +47,23 @@ pub struct DepthJob<'a> {
     pub work: &'a Prepared,
     /// Where they go.
     pub output: &'a OutputFolder,
-    /// Whether to make depth maps anew that are there already.
+    /// Whether to make depth maps again that exist already.
     pub force: bool,
 }
 
-/// Estimates the depth maps of all planned views. Those that are in the output folder already, made of
-/// the same photographs, cameras, network and options, are left as they are.
+/// Estimates the depth maps of all planned views. Those in the output folder that were made from
+/// the same photographs, cameras, network and options are kept.
 ///
 /// # Errors
-/// If no view has a depth map in the end, a file cannot be written, or `on_event` breaks. Depth maps finished until then
-/// stay. A view whose photograph cannot be read, or for which memory does not suffice, not even at half the size, is left
-/// out and has no part in others.
+/// If no view has a depth map in the end, a file cannot be written, or `on_event` breaks. Depth
+/// maps that are finished by then stay. A view is left out, also as a source view, if its
+/// photograph cannot be read or memory runs out even at half the size.
 pub fn estimate(job: &DepthJob<'_>, on_event: &mut OnEvent<'_>) -> Result<DepthSummary, VamvsError> {
     prepare(job)?;
     Run::new(job).all_views(on_event)
 }
 
-/// Makes the output folder for the views that will have a depth map; [`estimate`] does it too.
+/// Makes the output folder for the views that will have a depth map; [`estimate`] does this too.
 ///
 /// # Errors
 /// If the folder is the scene's own, holds depth maps of other views, or cannot be made.
@@ -75,7 +77,7 @@ pub fn prepare(job: &DepthJob<'_>) -> Result<(), VamvsError> {
     output.prepare(&maps)?;
     let first = first_folder(job);
     if first == **output {
-        // A run with two passes may have been stopped here.
+        // An interrupted run with two passes may have left first-pass maps.
         output.photometric().remove(&maps)?;
     } else {
         first.expect_apart(work.photographs.folder())?;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum VamvsError {
-    /// A file.
+    /// A file cannot be read or written.
     #[error(transparent)]
     Io(#[from] vamvs_io::IoError),
     /// Fusion.
@@ -19,7 +19,7 @@ pub enum VamvsError {
     #[cfg(feature = "net")]
     #[error(transparent)]
     Net(#[from] vamvs_net::NetError),
-    /// A view.
+    /// An error of one view.
     #[error("view {name}")]
     View {
         /// The image's name.
@@ -27,21 +27,21 @@ pub enum VamvsError {
         /// What is wrong with it.
         source: Box<VamvsError>,
     },
-    /// A folder that should be an output folder is none.
+    /// A folder or file is not as expected.
     #[error("{}: {problem}", path.display())]
     Folder {
-        /// The folder.
+        /// The folder or file.
         path: PathBuf,
-        /// What is missing, and what to do.
+        /// What is wrong, and what to do.
         problem: String,
     },
-    /// A photograph that the program has itself.
-    #[error("its photograph cannot be had")]
+    /// A [`PhotoSource`](crate::PhotoSource) gave no photograph.
+    #[error("its photograph could not be loaded")]
     Photo(#[source] Box<dyn std::error::Error + Send + Sync>),
     /// The caller ended the work.
     #[error("the work was cancelled")]
     Cancelled,
-    /// The request or the scene makes no sense.
+    /// The request or the scene is invalid.
     #[error("{0}")]
     Request(String),
 }
@@ -56,19 +56,19 @@ impl From<vamvs_fusion::FuseError> for VamvsError {
 }
 
 impl VamvsError {
-    /// Whether it is the memory that did not suffice.
+    /// Whether memory ran out.
     #[must_use]
     pub fn is_out_of_memory(&self) -> bool {
         let causes = std::iter::successors(Some(self as &dyn std::error::Error), |error| error.source());
         causes.map(|error| error.to_string().to_lowercase()).any(|text| {
-            // As libtorch says it of a GPU, of a processor, and of a processor under Windows.
+            // The messages of libtorch for a GPU, a CPU, and a CPU under Windows.
             ["cuda out of memory", "can't allocate memory", "not enough memory"]
                 .iter()
                 .any(|w| text.contains(w))
         })
     }
 
-    /// Whether the run cannot go on as it is: memory did not suffice, or the caller ended it.
+    /// Whether the run cannot go on as it is: memory ran out, or the caller cancelled.
     #[cfg(feature = "net")]
     pub(crate) fn ends_run(&self) -> bool {
         matches!(self, Self::Cancelled) || self.is_out_of_memory()
@@ -83,7 +83,7 @@ impl VamvsError {
         texts.join(": ")
     }
 
-    /// The same error, told of a view.
+    /// The same error, with the name of the view.
     #[must_use]
     pub fn of_view(self, name: &str) -> Self {
         Self::View { name: name.to_owned(), source: Box::new(self) }

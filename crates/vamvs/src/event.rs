@@ -1,4 +1,4 @@
-//! What the pipeline tells while it works.
+//! Progress events of the pipeline.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -6,12 +6,12 @@ use std::time::Duration;
 use crate::VamvsError;
 use crate::output::LeftOut;
 
-/// What was done for a view.
+/// A pass over the views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pass {
-    /// A depth map of the photographs alone, which is refined once more.
+    /// From the photographs alone; a geometric pass follows.
     Photometric,
-    /// The view's depth map.
+    /// The last pass, which makes the view's final depth map.
     Final,
 }
 
@@ -21,22 +21,22 @@ pub enum Pass {
 pub enum Event {
     /// Something a user should know, one sentence.
     Warning(String),
-    /// A depth map is there, after a pass of two or of one.
+    /// A pass has finished the depth map of a view.
     DepthMap {
         /// The view's name.
         name: String,
-        /// What was done for it.
+        /// The pass.
         pass: Pass,
         /// How many are done, this one included.
         done: usize,
         /// How many there will be.
         total: usize,
-        /// Whether it was there already, made with the same settings.
+        /// Whether it existed already, made with the same settings.
         resumed: bool,
-        /// Time since the one before.
+        /// Time that it took.
         time: Duration,
     },
-    /// Fusion went over a view: all views once to filter, then once to merge.
+    /// Fusion has processed a view: first each view is filtered, then each is merged.
     Fusion {
         /// How many view passes are done.
         done: usize,
@@ -59,11 +59,11 @@ pub enum Event {
     },
 }
 
-/// Takes the progress of some work and says whether it goes on: `ControlFlow::Break(())` ends it with
-/// [`VamvsError::Cancelled`].
+/// Receives progress events and says whether the work goes on: `ControlFlow::Break(())` ends it
+/// with [`VamvsError::Cancelled`].
 pub type OnEvent<'a> = dyn FnMut(Event) -> ControlFlow<()> + 'a;
 
-/// Tells an event.
+/// Sends an event; an error if the caller cancels.
 pub(crate) fn tell(on_event: &mut OnEvent<'_>, event: Event) -> Result<(), VamvsError> {
     match on_event(event) {
         ControlFlow::Continue(()) => Ok(()),

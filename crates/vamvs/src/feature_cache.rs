@@ -1,4 +1,4 @@
-//! Features of photographs that will be needed again.
+//! A cache of the features of photographs.
 
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -29,7 +29,7 @@ pub struct FeatureCache<'a> {
     pub network: &'a Network,
     /// Bytes to keep.
     pub capacity: usize,
-    /// Views to keep at most: more would grow with the scene and save little.
+    /// Largest number of views to keep; more would save little.
     pub most: usize,
     /// Time that reading photographs took.
     pub reading: Duration,
@@ -75,7 +75,7 @@ impl<'a> FeatureCache<'a> {
         Ok(Rc::clone(&self.kept[self.kept.len() - 1].1))
     }
 
-    /// Gives up all features.
+    /// Drops all features.
     pub fn clear(&mut self) {
         self.kept.clear();
     }

@@ -1,4 +1,4 @@
-//! Depth maps that fit into the memory.
+//! Makes depth maps fit into memory.
 
 use vamvs_core::Scene;
 use vamvs_net::{Device, Estimator};
@@ -7,18 +7,18 @@ use crate::event::{OnEvent, tell};
 use crate::memory::spelled;
 use crate::{DepthOptions, Event, Photographs, Plan, VamvsError, ViewPlan};
 
-/// From one size of photographs that is tried to the next.
+/// Factor from one tried size of photographs to the next.
 const STEP: f64 = 0.9;
 
 /// The smallest longer side that is tried, pixels.
 const SMALLEST: usize = 256;
 
-/// How much smaller pieces of a depth map's work become, before photographs do.
+/// Factor by which the estimator's pieces (slabs and strips) become smaller before photographs do.
 const SMALLER_PIECES: usize = 8;
 
-/// The photographs and the plan with which every depth map is expected to fit into the memory of `options`: where it
-/// would not, the estimator works in smaller pieces, and if that does not help, photographs are reduced. A warning
-/// tells what was done. Memory of a GPU is not asked for.
+/// The photographs and the plan with which every depth map is expected to fit into the memory of
+/// `options`: where it would not, the estimator works in smaller pieces, and if that does not help,
+/// photographs are reduced. A warning tells what was done. The memory of a GPU is not checked.
 ///
 /// # Errors
 /// As [`plan`](fn@crate::plan).
@@ -74,7 +74,7 @@ fn longest_side(plan: &Plan) -> usize {
     plan.cameras.iter().map(|camera| camera.size.width.max(camera.size.height)).max().unwrap_or(0)
 }
 
-/// What the largest depth map takes, bytes, refinement not included, which begins when that is free again.
+/// Memory of the network for the largest depth map, bytes. Refinement begins after it is freed.
 pub(crate) fn most_bytes(plan: &Plan, estimator: &Estimator) -> u64 {
     let bytes = |(view, planned): (usize, &ViewPlan)| {
         estimator.peak_bytes(plan.cameras[view].size, planned.sources.len() + 1, planned.planes.count) as u64

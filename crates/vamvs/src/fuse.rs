@@ -1,9 +1,14 @@
 //! From depth maps to one cloud, and what is exported with it.
 
+mod part_files;
+mod parts;
+
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use vamvs_fusion::{BoxError, FuseEvent, FuseJob, FuseReport, FusedPoints, MapSource, ViewReport};
+
+pub use parts::PartialFusion;
 
 use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
@@ -11,21 +16,22 @@ use crate::memory::spelled;
 use crate::output::LeftOut;
 use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError};
 
-/// The part of the memory that is left for what nobody counts, as 1 over this.
+/// One part in this many of the memory is spare, for what is not counted.
 const SPARE: u64 = 6;
 
-/// What came out of a fusion.
+/// The result of a fusion.
 #[derive(Clone, Debug)]
 pub struct FuseSummary {
     /// Points written.
     pub points: u64,
-    /// The views' names with what became of their pixels.
+    /// The views' names and what became of their pixels.
     pub views: Vec<(String, ViewReport)>,
-    /// Time to fuse, reading of the depth maps and writing of the cloud included.
+    /// Time to fuse, including reading depth maps and writing the cloud.
     pub fusing: Duration,
-    /// Time to write what other programs get.
+    /// Time to write exports.
     pub exporting: Duration,
-    /// Views that can have no point: their depth maps cannot be read, or too few others see the same surfaces.
+    /// Views that can have no point, because their depth maps cannot be read or too few other views
+    /// see the same surfaces.
     pub skipped: Vec<LeftOut>,
 }
 
@@ -40,8 +46,8 @@ impl FuseSummary {
 /// Fuses depth maps into the PLY file `cloud`, and writes what `exports` asks for beside it.
 ///
 /// # Errors
-/// If files are missing or malformed or the cloud cannot be written; then there is no new cloud and an
-/// old one is untouched. If an export cannot be written, the cloud is there.
+/// If files are missing or malformed, or the cloud cannot be written: then an older cloud stays as
+/// it is. If only an export cannot be written, the cloud is complete.
 pub fn fuse(
     maps: &Maps,
     cloud: &Path,
@@ -50,15 +56,31 @@ pub fn fuse(
     on_event: &mut OnEvent<'_>,
 ) -> Result<FuseSummary, VamvsError> {
     let neighbours = maps.neighbours(options.neighbours);
-    let alone = alone(maps, &neighbours, options.filter.min_views);
+    let run =
+        |sink: &mut Sink<'_>, on_event: &mut OnEvent<'_>| merge(maps, &neighbours, options, sink, on_event);
+    write_cloud((maps, &neighbours), cloud, (options, exports), run, on_event)
+}
+
+/// Where fused points go.
+type Sink<'a> = dyn FnMut(&FusedPoints) -> Result<(), BoxError> + 'a;
+
+/// Writes the cloud that `run` makes of depth maps, and its exports.
+fn write_cloud(
+    (maps, neighbours): (&Maps, &[Vec<usize>]),
+    cloud: &Path,
+    (options, exports): (&FusionOptions, &ExportOptions),
+    run: impl FnOnce(&mut Sink<'_>, &mut OnEvent<'_>) -> Result<FuseReport, VamvsError>,
+    on_event: &mut OnEvent<'_>,
+) -> Result<FuseSummary, VamvsError> {
+    let alone = alone(maps, neighbours, options.filter.min_views);
     alone.iter().try_for_each(|view| tell(on_event, Event::left_out(view)))?;
     let skipped = [maps.left_out(), &alone].concat();
     let mut exporter = Exporter::begin(maps, cloud, exports)?;
     let begin = Instant::now();
-    let report = merge(maps, &neighbours, options, |fused| Ok(exporter.push(fused)?), on_event)?;
+    let report = run(&mut |fused| Ok(exporter.push(fused)?), on_event)?;
     let (points, fusing) = (report.total().points, begin.elapsed());
     if points > 0 {
-        exporter.finish(&neighbours, &options.filter, on_event)?;
+        exporter.finish(neighbours, &options.filter, on_event)?;
     }
     let views = maps.names().iter().cloned().zip(report.views).collect();
     Ok(FuseSummary { points, views, skipped, fusing, exporting: begin.elapsed() - fusing })
@@ -69,11 +91,10 @@ pub(crate) fn merge<S: MapSource + ?Sized>(
     source: &S,
     neighbours: &[Vec<usize>],
     options: &FusionOptions,
-    mut sink: impl FnMut(&FusedPoints) -> Result<(), BoxError>,
+    sink: &mut Sink<'_>,
     on_event: &mut OnEvent<'_>,
 ) -> Result<FuseReport, VamvsError> {
-    let left = options.max_memory.left();
-    let memory = left - left / SPARE;
+    let memory = working_memory(options.max_memory);
     let (filter, roi) = (&options.filter, options.roi);
     let job = FuseJob { source, neighbours, options: filter, roi, memory: memory as usize };
     let (mut done, total) = (0, 2 * source.len());
@@ -81,12 +102,18 @@ pub(crate) fn merge<S: MapSource + ?Sized>(
         done += 1;
         on_event(Event::Fusion { done, total })
     };
-    let report = vamvs_fusion::fuse(&job, &mut sink, &mut progress)?;
+    let report = vamvs_fusion::fuse(&job, sink, &mut progress)?;
     warn_of_memory(report.memory, memory, options.max_memory, on_event)?;
     Ok(report)
 }
 
-/// The views of which no point can be confirmed.
+/// The memory for depth maps, bytes.
+fn working_memory(limit: MemoryLimit) -> u64 {
+    let left = limit.left();
+    left - left / SPARE
+}
+
+/// The views with too few neighbours to confirm a point.
 fn alone(maps: &Maps, neighbours: &[Vec<usize>], min_views: usize) -> Vec<LeftOut> {
     let places = neighbours.iter().map(|others| maps.places(others));
     let alone = maps.names().iter().zip(places).filter(|(_, others)| others + 1 < min_views);
@@ -98,7 +125,7 @@ fn alone(maps: &Maps, neighbours: &[Vec<usize>], min_views: usize) -> Vec<LeftOu
     alone.map(|(name, others)| LeftOut { view: name.clone(), reason: reason(others) }).collect()
 }
 
-/// Tells of depth maps that took more than they should.
+/// Warns if fusion took more memory than it should.
 fn warn_of_memory(
     taken: u64,
     given: u64,

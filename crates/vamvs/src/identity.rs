@@ -1,4 +1,4 @@
-//! The hash of all that makes a depth map: equal hashes, equal maps.
+//! The hash of all inputs of a depth map: equal hashes mean equal maps.
 
 use std::sync::OnceLock;
 
@@ -9,23 +9,23 @@ use vamvs_refine::RefineOptions;
 
 use crate::{Photographs, Prepared, ViewPlan};
 
-/// Changes whenever the same inputs give other depth maps.
+/// Increased whenever a change gives other depth maps for the same inputs.
 const PIPELINE_VERSION: u32 = 6;
 
-/// Hashes what makes each view's depth map.
+/// Hashes the inputs of each view's depth map.
 pub struct Identity<'a> {
     common: String,
     scene: &'a Scene,
-    /// For each view, the hash of its photograph, mask, camera and pose, once it was asked for.
+    /// For each view, the hash of its photograph, mask, camera and pose, once it was needed.
     views: Vec<OnceLock<blake3::Hash>>,
 }
 
 impl<'a> Identity<'a> {
-    /// Hashes the module and how the estimator uses it. A photograph is hashed when a depth map that it makes has its
-    /// turn, and only once.
+    /// Hashes the module and the options of the estimator. Each photograph is hashed once, when a
+    /// depth map first needs it.
     pub fn new(work: &'a Prepared) -> Self {
         let Prepared { scene, estimator, module, .. } = work;
-        // Slabs and strips bound the memory and change nothing of the result.
+        // Slabs and strips limit the memory and do not change the result.
         let coarse_stride = estimator.network().manifest().coarse_stride;
         let EstimatorOptions { iterations, completion, guide, slab_bytes: _, strip_points: _ } =
             estimator.options();
@@ -34,8 +34,21 @@ impl<'a> Identity<'a> {
         Self { common, scene, views: vec![OnceLock::new(); scene.views.len()] }
     }
 
-    /// The hash of what makes the depth map of `view` by `plan`, of photographs of the size that `photographs` have, and
-    /// how it is refined, if it is.
+    /// The hash of the inputs of all depth maps, without the contents of the photographs.
+    pub fn of_settings(&self, work: &Prepared) -> String {
+        let Prepared { scene, photographs, plan, options, .. } = work;
+        let sizes = (photographs.max_size(), photographs.full_size(), photographs.enlarge());
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(format!("{} {sizes:?} {:?}", self.common, photographs.brightness()).as_bytes());
+        hasher.update(format!("{:?} {}", options.refine, options.geometric).as_bytes());
+        for (view, plan) in scene.views.iter().zip(&plan.views) {
+            hasher.update(format!("{view:?} {plan:?}").as_bytes());
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+
+    /// The hash of the inputs of the depth map of `view`: its plan, photographs at the size of
+    /// `photographs`, and the refinement's options if it is refined.
     pub fn of(
         &self,
         view: usize,
@@ -59,7 +72,7 @@ impl<'a> Identity<'a> {
         hasher.finalize().to_hex().to_string()
     }
 
-    /// A photograph that cannot be read has a hash too: its view is left out when its turn comes.
+    /// A photograph that cannot be read has a hash too: its view is left out later.
     fn hash(&self, view: usize, photographs: &Photographs) -> blake3::Hash {
         *self.views[view].get_or_init(|| hash_view(&self.scene.views[view], photographs))
     }

@@ -59,7 +59,8 @@ pub enum Input {
 }
 
 impl Input {
-    /// Reads the scene. Where its files tell no masks, those in `masks` beside the photographs are the scene's.
+    /// Reads the scene. If its files name no masks, it gets those in `masks` next to the
+    /// photographs.
     ///
     /// # Errors
     /// If a file is missing or malformed, or there are fewer than two views.

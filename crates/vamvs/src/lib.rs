@@ -1,15 +1,15 @@
 //! Photographs with known cameras in, depth maps and one dense, coloured cloud out.
 //!
-//! This is the face of the library, what other programs embed. In the order in which data flows:
-//! [`input`] reads a scene, [`plan`](mod@plan) decides for each view its source views, depth range and
-//! planes, [`depth`] estimates the depth maps with the network, brings them to the size of their photographs and keeps
-//! them in an [`output`] folder, [`refine`](mod@refine) does the latter with depth maps at hand,
-//! [`maps`] reads depth maps, these or those of other programs, [`fuse`](mod@fuse) merges them into a cloud and
-//! [`export`] hands on to other programs. [`report`] shows a run on a page, [`eval`] measures results against ground truth. Progress comes as
-//! [`Event`]s; nothing here prints.
+//! This crate is the interface for programs that embed vamvs. In the order of the data: [`input`]
+//! reads a scene, [`plan`](mod@plan) decides source views, depth range and planes of each view,
+//! [`depth`] estimates depth maps with the network, refines them to the size of their photographs
+//! and keeps them in an [`output`] folder, [`refine`](mod@refine) refines existing depth maps,
+//! [`maps`] reads depth maps of vamvs or other programs, [`fuse`](mod@fuse) merges them into a
+//! cloud, and [`export`] writes files for other programs. [`report`] shows a run on a page, and
+//! [`eval`] compares results with ground truth. Progress comes as [`Event`]s; nothing here prints.
 //!
-//! Without the feature `net` the crate builds and runs without libtorch, and everything but [`depth`]
-//! is there.
+//! Without the feature `net` the crate builds and runs without libtorch and has everything but
+//! [`depth`] estimation.
 
 #[cfg(feature = "net")]
 mod ceiling;
@@ -53,7 +53,7 @@ pub use depth::{DepthJob, DepthMaps, DepthSummary, estimate};
 pub use error::VamvsError;
 pub use event::{Event, OnEvent, Pass};
 pub use export::ExportOptions;
-pub use fuse::{FuseSummary, fuse};
+pub use fuse::{FuseSummary, PartialFusion, fuse};
 pub use input::Input;
 pub use maps::Maps;
 pub use memory::MemoryLimit;

@@ -8,24 +8,25 @@ use bytesize::ByteSize;
 use serde::{Deserialize, Serialize};
 use sysinfo::{MemoryRefreshKind, ProcessRefreshKind, ProcessesToUpdate, System};
 
-/// A ceiling of what the whole process holds in memory, written as `2GiB`, `500MB` or `70%` of what is available.
+/// A limit of the process's resident memory, written as `2GiB`, `500MB` or `70%` of what is
+/// available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum MemoryLimit {
     /// Bytes.
     Bytes(u64),
-    /// Percent of the memory that is available when it is first asked for, what the process holds already included: of the
-    /// machine, or of its container if that allows less; 1 to 100.
+    /// Percent, 1 to 100, of the memory that is available when it is first asked for, including
+    /// what the process then holds: that of the machine, or of its container if that allows less.
     Percent(u8),
 }
 
-/// A text that is no limit of memory.
+/// A text that is not a memory limit.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected an amount of memory such as 2GiB, 500MB or 70%, found {0:?}")]
 pub struct MemoryLimitError(String);
 
 impl MemoryLimit {
-    /// The limit in bytes. A share of a memory that the system does not tell is no limit.
+    /// The limit in bytes. A percentage is no limit if the system does not report its memory.
     #[must_use]
     pub fn bytes(self) -> u64 {
         match self {
@@ -34,7 +35,7 @@ impl MemoryLimit {
         }
     }
 
-    /// Bytes that the process may take beside what it holds now; 0 if it holds more.
+    /// Bytes that the process may take in addition to what it holds now; 0 if it holds more.
     #[must_use]
     pub fn left(self) -> u64 {
         self.bytes().saturating_sub(resident_bytes().unwrap_or(0))
@@ -91,35 +92,36 @@ pub fn spelled(bytes: u64) -> String {
     ByteSize(bytes).to_string()
 }
 
-/// Units in which an amount is written that is a whole number of them.
+/// Units for printing amounts that are a whole number of them.
 const EXACT: [(u64, &str); 4] = [(1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"), (1_000_000, "MB")];
 
-/// Memory that could be had when this was first asked, what the process held then included: in a run the ceiling
-/// does not move. `None` if the system does not tell.
+/// Memory that was available at the first call, including what the process then held; the limit
+/// does not move during a run. `None` if the system does not report it.
 fn available_at_first() -> Option<u64> {
     static AVAILABLE: OnceLock<Option<u64>> = OnceLock::new();
     *AVAILABLE.get_or_init(|| {
-        let mut system = System::new().ok()?;
+        let mut system = System::new();
         system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
         let held = resident_bytes().unwrap_or(0);
         let machine = system.available_memory().saturating_add(held);
-        // What files take of a container's memory goes when it is wanted, so its limit is what counts.
+        // The file cache of a container is freed when needed, so the limit counts, not what is
+        // free.
         let container = system.cgroup_limits().map(|limits| limits.total_memory);
         Some(container.filter(|limit| *limit > 0).map_or(machine, |limit| limit.min(machine)))
     })
 }
 
-/// What the process holds in memory now; `None` if the system does not tell.
+/// The resident memory of the process; `None` if the system does not report it.
 #[must_use]
 pub fn resident_bytes() -> Option<u64> {
     let id = sysinfo::get_current_pid().ok()?;
-    let mut system = System::new().ok()?;
+    let mut system = System::new();
     let what = ProcessRefreshKind::nothing().with_memory();
     system.refresh_processes_specifics(ProcessesToUpdate::Some(&[id]), false, what);
     system.process(id).map(sysinfo::Process::memory)
 }
 
-/// Gives memory that is free within the process back to the system, where the system's heap can.
+/// Returns the heap's free memory to the system, with glibc.
 pub fn give_back() {
     // SAFETY: malloc_trim touches no block that is in use.
     #[cfg(all(target_os = "linux", target_env = "gnu"))]

@@ -23,7 +23,7 @@ pub struct DepthOptions {
     pub refine: bool,
     /// Whether refined depth maps are refined once more with those of the source views.
     pub geometric: bool,
-    /// Smaller photographs are enlarged up to so many times, 1 to 8, but not beyond `max_size`.
+    /// Smaller photographs are enlarged by up to this factor, 1 to 8, but not beyond `max_size`.
     pub enlarge: f64,
     /// Pixels all of whose channels are darker, grey values, count as masked: a black backdrop. 0: none.
     pub min_brightness: u8,
@@ -40,19 +40,20 @@ pub struct DepthOptions {
     pub planes: Option<usize>,
     /// Largest number of planes chosen by default.
     pub max_planes: usize,
-    /// What is uniform between the planes; by default inverse depth if the range is wide.
+    /// The quantity in which planes are evenly spaced; by default inverse depth if the range is
+    /// wide.
     pub spacing: Option<Spacing>,
     /// One depth range for all views, scene units; by default each view's own.
     pub depth_range: Option<DepthRange>,
-    /// How many of the network's flow iterations are run, the later the finer; by default all.
+    /// Number of the network's flow iterations that are run; later ones are finer. By default all.
     pub iterations: Option<usize>,
     /// Depth only inside this box of the world.
     pub roi: Option<Roi>,
     /// Depth outside of the box too, but coarsely: all flow iterations inside of it, fewer around, the coarse
     /// map elsewhere (section 4.5).
     pub fovea: bool,
-    /// The most memory to take: to make a depth map in, see `vamvs::fit_to_memory`, and, as far as some is left,
-    /// to keep features of photographs that will be needed again.
+    /// Limit of resident memory. A depth map that would exceed it is made in smaller pieces, then
+    /// from smaller photographs; features are kept for later views as far as it allows.
     pub max_memory: MemoryLimit,
 }
 
@@ -87,11 +88,11 @@ impl Default for DepthOptions {
 pub struct FusionOptions {
     /// The filters.
     pub filter: FuseOptions,
-    /// How many other views are asked whether they agree with a view's depth.
+    /// Number of source views that a view is checked against.
     pub neighbours: usize,
     /// Points only inside this box of the world.
     pub roi: Option<Roi>,
-    /// The most memory to take.
+    /// Limit of resident memory.
     pub max_memory: MemoryLimit,
 }
 

@@ -15,26 +15,29 @@ use vamvs_io::{IoError, atomic, image, mvsnet, pfm};
 
 use crate::VamvsError;
 
+/// The folders that every folder of depth maps has.
+const FOLDERS: [&str; 4] = ["cams", "images", "depths", "confidence"];
+
 /// A folder of depth maps.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutputFolder {
     root: PathBuf,
 }
 
-/// What made a depth map, kept beside it.
+/// The record of how a depth map was made, stored next to it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// The hash of all that made the depth map.
+    /// The hash of all inputs of the depth map.
     pub made_of: String,
-    /// The planes of the sweep; `None` if there were none, or nobody said.
+    /// The planes of the sweep; `None` if there were none or they are unknown.
     #[serde(default)]
     pub planes: Option<Planes>,
-    /// Names of the source views, best first; empty if nobody said.
+    /// Names of the source views, best first; empty if unknown.
     #[serde(default)]
     pub sources: Vec<String>,
 }
 
-/// A view that has no part in a result.
+/// A view that is left out of a result.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LeftOut {
     /// The view's name.
@@ -43,7 +46,7 @@ pub struct LeftOut {
     pub reason: String,
 }
 
-/// A depth map's files, complete.
+/// The contents of a depth map's files.
 #[derive(Clone, Debug)]
 pub struct SavedMap<'a> {
     /// The depth map.
@@ -52,7 +55,7 @@ pub struct SavedMap<'a> {
     pub range: DepthRange,
     /// The photograph at the depth map's size.
     pub colour: &'a Grid<Rgb>,
-    /// Unit normals in the world's frame, 0 where there is no depth; `None` if nobody tells them.
+    /// Unit normals in the world's frame, 0 where there is no depth, if there are any.
     pub normals: Option<&'a Grid<[f32; 3]>>,
 }
 
@@ -78,8 +81,7 @@ impl OutputFolder {
         &self.root
     }
 
-    /// `photometric/`: depth maps of the photographs alone, there until all views have been refined once more with those
-    /// of the others.
+    /// `photometric/`: first-pass depth maps, removed when the geometric pass of all views is done.
     #[must_use]
     pub fn photometric(&self) -> Self {
         Self { root: self.root.join("photometric") }
@@ -127,7 +129,7 @@ impl OutputFolder {
         self.root.join("pair.txt")
     }
 
-    /// `left-out.json`: the views that have no depth map although the scene has them.
+    /// `left-out.json`: the scene's views that have no depth map.
     fn left_out_file(&self) -> PathBuf {
         self.root.join("left-out.json")
     }
@@ -148,7 +150,7 @@ impl OutputFolder {
         self.root.join(folder).join(format!("{name}{end}"))
     }
 
-    /// Refuses to be where the scene itself is: its photographs and cameras would be overwritten.
+    /// Refuses to be the folder of the scene, whose photographs and cameras would be overwritten.
     ///
     /// # Errors
     /// If one of the scene's folders is one of this folder's.
@@ -171,11 +173,14 @@ impl OutputFolder {
     /// If a folder cannot be made, or the folder holds depth maps of other views.
     pub fn prepare(&self, names: &[&str]) -> Result<(), VamvsError> {
         self.expect_only(names)?;
-        for folder in ["cams", "images", "depths", "confidence", "."].map(|folder| self.root.join(folder)) {
-            make_folder(&folder)?;
-            remove_unfinished(&folder)?;
-        }
-        remove_unfinished(&self.root.join("normals"))
+        self.make_folders()?;
+        let folders = FOLDERS.iter().chain(&["normals", "."]);
+        folders.into_iter().try_for_each(|folder| remove_unfinished(&self.root.join(folder)))
+    }
+
+    /// Makes the folders for depth maps.
+    pub(crate) fn make_folders(&self) -> Result<(), VamvsError> {
+        Ok(FOLDERS.iter().try_for_each(|folder| make_folder(&self.root.join(folder)))?)
     }
 
     /// Writes `pair.txt` once all views of these names are there: for each its source views, indices
@@ -193,7 +198,7 @@ impl OutputFolder {
         Ok(mvsnet::write_pairs(&self.pairs(), &ids, sources)?)
     }
 
-    /// Removes what tells which views have depth maps, `pair.txt` and `left-out.json`: a run may change it.
+    /// Removes `pair.txt` and `left-out.json`, which a run may change.
     ///
     /// # Errors
     /// If one cannot be removed.
@@ -207,7 +212,7 @@ impl OutputFolder {
         self.root.join("fusion.json")
     }
 
-    /// Keeps which views have no depth map, and why; no file if all have one.
+    /// Writes which views have no depth map, and why; no file if all have one.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -216,16 +221,16 @@ impl OutputFolder {
         if views.is_empty() { remove(&file) } else { write_json(&file, &views) }
     }
 
-    /// The views that have no depth map, with the reasons, as the run that made the others said it.
+    /// The views that have no depth map, and why, as the last run wrote it.
     ///
     /// # Errors
-    /// If the file cannot be read, or is none of ours.
+    /// If the file cannot be read or is malformed.
     pub fn left_out(&self) -> Result<Vec<LeftOut>, VamvsError> {
         let file = self.left_out_file();
         if file.is_file() { read_json(&file) } else { Ok(Vec::new()) }
     }
 
-    /// Depth maps of other views in the same folder would be fused with these.
+    /// Refuses a folder with depth maps of other views, which would be fused with these.
     fn expect_only(&self, names: &[&str]) -> Result<(), VamvsError> {
         let expected: HashSet<_> = names.iter().map(|name| format!("{name}_cam.txt")).collect();
         let Ok(entries) = std::fs::read_dir(self.cams()) else { return Ok(()) };
@@ -235,15 +240,15 @@ impl OutputFolder {
             Some(file) => Err(VamvsError::Folder {
                 path: self.cams(),
                 problem: format!(
-                    "{file} is of a view that this run does not make: choose another --out, or remove the old one"
+                    "{file} is of a view that is not part of this run: choose another --out, or remove the old folder"
                 ),
             }),
         }
     }
 
-    /// Saves a depth map with all that belongs to it. The camera, without which it is not there for others, comes
-    /// after all files, and the record last, so that a depth map with a record is complete. The record of a fusion is
-    /// removed: it was of other depth maps.
+    /// Saves a depth map with its files. The camera, by which readers find the view, is written
+    /// after the maps, and the record last, so a depth map with a record is complete. `fusion.json`
+    /// is removed, because it describes a fusion of other depth maps.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -265,7 +270,7 @@ impl OutputFolder {
         write_json(&self.record(name), record)
     }
 
-    /// Removes what there is of a view's depth map.
+    /// Removes the files of a view's depth map.
     ///
     /// # Errors
     /// If a file cannot be removed.
@@ -285,7 +290,7 @@ impl OutputFolder {
     pub fn remove(&self, names: &[&str]) -> Result<(), VamvsError> {
         names.iter().try_for_each(|name| self.discard(name))?;
         let folders = ["cams", "images", "depths", "confidence", "normals"].map(|name| self.root.join(name));
-        // One that holds something else stays.
+        // A folder that holds something else stays.
         folders.iter().chain([&self.root]).for_each(|folder| drop(std::fs::remove_dir(folder)));
         Ok(())
     }
@@ -319,7 +324,7 @@ impl OutputFolder {
         Ok(LoadedMap { map, normals })
     }
 
-    /// Whether the files of a view's depth map can be read, all of them, and are of one size.
+    /// Whether all files of a view's depth map can be read and have the same size.
     #[must_use]
     pub fn is_readable(&self, name: &str) -> bool {
         let sizes = || -> Result<Vec<Size>, IoError> {
@@ -348,8 +353,8 @@ impl OutputFolder {
     }
 }
 
-/// The views' names in the output folder: those of the photographs without extension, or with it where
-/// two photographs differ in nothing else, or with their number where they differ only in how folders are told.
+/// The views' names in the output folder: the photographs' names without extension; with it if two
+/// names are the same otherwise; with the view's number if they are still the same.
 #[must_use]
 pub fn names(views: &[View]) -> Vec<String> {
     let flat = |view: &View| view.name.replace('/', "__");
@@ -388,13 +393,13 @@ pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, VamvsErro
     serde_json::from_str(&text).map_err(|error| folder(format!("is not what vamvs wrote: {error}")))
 }
 
-fn make_folder(folder: &Path) -> Result<(), IoError> {
+pub(crate) fn make_folder(folder: &Path) -> Result<(), IoError> {
     let failed = |source| IoError::System { action: "make the folder", path: folder.to_owned(), source };
     std::fs::create_dir_all(folder).map_err(failed)
 }
 
-/// Removes what a killed run was writing.
-fn remove_unfinished(folder: &Path) -> Result<(), VamvsError> {
+/// Removes the unfinished files of a killed run.
+pub(crate) fn remove_unfinished(folder: &Path) -> Result<(), VamvsError> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let unfinished = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(atomic::PREFIX));
     unfinished.into_iter().try_for_each(|entry| remove(&entry.path()))

@@ -1,4 +1,4 @@
-//! The photographs of a scene as the network wants them: undistorted, reduced or enlarged.
+//! The photographs of a scene as the network needs them: undistorted, reduced or enlarged.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -11,12 +11,12 @@ use vamvs_io::masks::{self, Masks};
 
 use crate::{DepthOptions, VamvsError};
 
-/// Photographs that a program has itself, in memory or wherever it likes.
+/// A program's own photographs, in memory or anywhere else.
 pub trait PhotoSource: Send + Sync {
-    /// The photograph of a view; each time the same.
+    /// The photograph of a view; must be the same each time.
     ///
     /// # Errors
-    /// If it cannot be had; then the view is left out.
+    /// If there is none; then the view is left out.
     fn picture(&self, view: &View) -> Result<Picture, Box<dyn std::error::Error + Send + Sync>>;
 }
 
@@ -52,7 +52,7 @@ pub struct Photographs {
     /// Longer side of the photographs that depth maps are refined to, pixels.
     full_size: usize,
     enlarge: f64,
-    /// The darkest and the brightest grey value that a pixel of a thing has.
+    /// The darkest and the brightest grey value that is not masked as backdrop.
     brightness: [u8; 2],
 }
 
@@ -64,7 +64,7 @@ impl Photographs {
         Self::of(Origin::Files { images: images.to_owned(), masks }, options)
     }
 
-    /// Photographs that the program has itself, at the size that the options ask for.
+    /// The program's own photographs, at the size that the options ask for.
     #[must_use]
     pub fn from_source(source: Arc<dyn PhotoSource>, options: &DepthOptions) -> Self {
         Self::of(Origin::Program(source), options)
@@ -91,19 +91,19 @@ impl Photographs {
         Self { max_size: self.full_size, ..self.clone() }
     }
 
-    /// Pixels on the longer side to which photographs are reduced before depth maps are refined to them.
+    /// Longer side to which photographs are reduced for refined depth maps, pixels.
     #[cfg(feature = "net")]
     pub(crate) fn full_size(&self) -> usize {
         self.full_size
     }
 
-    /// Pixels on the longer side to which photographs are reduced for the network.
+    /// Longer side to which photographs are reduced for the network, pixels.
     #[must_use]
     pub fn max_size(&self) -> usize {
         self.max_size
     }
 
-    /// How many times larger photographs may become.
+    /// Largest factor by which photographs are enlarged.
     #[cfg(feature = "net")]
     pub(crate) fn enlarge(&self) -> f64 {
         self.enlarge
@@ -115,7 +115,8 @@ impl Photographs {
         self.brightness
     }
 
-    /// What of the options beside the size changes photographs: enlargement, and the darkest and brightest grey value.
+    /// The options that change photographs, apart from their size: enlargement, and the darkest and
+    /// brightest grey value.
     pub(crate) fn shape(&self) -> (f64, [u8; 2]) {
         (self.enlarge, self.brightness)
     }
@@ -138,8 +139,8 @@ impl Photographs {
         }
     }
 
-    /// Adds a view's photograph and mask to a hash, or why they cannot be read: then the view is left out when its turn
-    /// comes.
+    /// Adds a view's photograph and mask to a hash, or the error if they cannot be read: then the
+    /// view is left out later.
     pub(crate) fn hash(&self, view: &View, hasher: &mut blake3::Hasher) {
         match &self.origin {
             Origin::Files { images, masks } => {
@@ -166,8 +167,9 @@ impl Photographs {
         Undistortion::new(camera).pinhole().resized(self.working_size(camera.size))
     }
 
-    /// Reads, undistorts and resizes a view's photograph, with its mask: file, alpha channel, what undistortion
-    /// leaves empty, and what is too dark or too bright, together. The second value is a note for the user.
+    /// Reads, undistorts and resizes a view's photograph. Its mask combines the mask file, the
+    /// alpha channel, what undistortion leaves empty, and what is too dark or too bright. The
+    /// second value is a note for the user.
     ///
     /// # Errors
     /// If a file cannot be read or its size contradicts the camera's.
@@ -231,7 +233,7 @@ fn expect_size(what: &str, found: Size, expected: Size) -> Result<(), VamvsError
     if found == expected { Ok(()) } else { Err(VamvsError::Request(text())) }
 }
 
-/// Adds a file to a hash, or why it cannot be read.
+/// Adds the contents of a file to a hash, or the error if it cannot be read.
 pub(crate) fn hash_file(path: &Path, hasher: &mut blake3::Hasher) {
     let read = std::fs::File::open(path).and_then(|file| hasher.update_reader(file).map(drop));
     if let Err(error) = read {
@@ -244,15 +246,15 @@ pub(crate) fn hash_file(path: &Path, hasher: &mut blake3::Hasher) {
 pub fn working_cameras(photographs: &Photographs, scene: &Scene) -> Vec<Pinhole> {
     let mut last: Option<(Camera, Pinhole)> = None;
     let working = |view: &View| match last {
-        // Many views share a camera, and to choose a field of view takes some time.
+        // Many views share a camera, and choosing the undistorted field of view takes some time.
         Some((camera, pinhole)) if camera == view.camera => pinhole,
         _ => last.insert((view.camera, photographs.working_camera(&view.camera))).1,
     };
     scene.views.iter().map(working).collect()
 }
 
-/// The undistorted photograph at `size`. A large one is first reduced, without aliasing, to twice that size, so that
-/// at most four times the pixels that are wanted are undistorted.
+/// The undistorted photograph at `size`. A large one is first reduced, without aliasing, to twice
+/// that size, so that at most four times the pixels of the result are undistorted.
 fn undistorted(undistortion: &Undistortion, image: Grid<Rgb>, size: Size) -> Grid<Rgb> {
     if !undistortion.changes() {
         return resized(image, size);
@@ -268,7 +270,7 @@ fn resized(image: Grid<Rgb>, size: Size) -> Grid<Rgb> {
     if image.size() == size { image } else { image::resize(&image, size) }
 }
 
-/// Pixels of which some channel has `least` or more, and some has `most` or less.
+/// Pixels with at least one channel ≥ `least` and at least one ≤ `most`.
 fn foreground(image: &Grid<Rgb>, [least, most]: [u8; 2]) -> Grid<bool> {
     image.map(|rgb| rgb.iter().any(|&channel| channel >= least) && rgb.iter().any(|&channel| channel <= most))
 }
@@ -287,7 +289,7 @@ fn both(a: Option<Grid<bool>>, b: Option<Grid<bool>>) -> Option<Grid<bool>> {
 mod tests {
     use super::*;
 
-    /// The way by twice the size gives what undistorting the whole photograph gives.
+    /// Undistorting at twice the size gives what undistorting the whole photograph gives.
     #[test]
     fn a_large_photograph_is_undistorted_as_if_whole() {
         let intrinsics = vamvs_core::Intrinsics { fx: 900.0, fy: 900.0, cx: 600.0, cy: 400.0 };

@@ -10,10 +10,10 @@ use crate::options::MIN_SIZE;
 use crate::photographs::working_cameras;
 use crate::{DepthOptions, Photographs, VamvsError};
 
-/// Views that are remembered as neighbours of a view, of which fusion asks as many as it is told to.
+/// Number of neighbours stored for each view; fusion uses as many of them as its options say.
 const NEIGHBOURS: usize = 30;
 
-/// The shortest side of a photograph that a network takes, pixels.
+/// Least size of the shorter side of a photograph that a network takes, pixels.
 const SHORTEST_SIDE: usize = 32;
 
 /// What will be done for one view.
@@ -25,10 +25,10 @@ pub struct ViewPlan {
     pub planes: Planes,
     /// Where the depth range comes from; `None` if the user gave it.
     pub origin: Option<RangeOrigin>,
-    /// The part of the image in which depth is wanted, pixels at working size; `None` for all of it, or if
-    /// the plan is foveated for none.
+    /// The part of the image in which depth is wanted, pixels at working size; `None` for all of it
+    /// or, if foveated, none of it.
     pub region: Option<PixelBox>,
-    /// Whether depth is wanted outside of the region too, coarsely.
+    /// Whether coarse depth is wanted outside of the region too.
     pub foveated: bool,
 }
 
@@ -37,7 +37,7 @@ pub struct ViewPlan {
 pub struct Plan {
     /// The undistorted cameras at working size.
     pub cameras: Vec<Pinhole>,
-    /// For each view what will be done, or why nothing.
+    /// For each view what will be done, or why it is left out.
     pub views: Vec<Result<ViewPlan, String>>,
     /// For each view, other views that may see the same surfaces, best first.
     pub neighbours: Vec<Vec<Source>>,
@@ -46,7 +46,7 @@ pub struct Plan {
 /// Chooses source views, depth ranges and planes.
 ///
 /// # Errors
-/// If an option is absurd, or no view has another one that sees the same surfaces.
+/// If an option is invalid, or no view has another one that sees the same surfaces.
 pub fn plan(scene: &Scene, photographs: &Photographs, options: &DepthOptions) -> Result<Plan, VamvsError> {
     check(options)?;
     let cameras = working_cameras(photographs, scene);
@@ -72,7 +72,7 @@ fn check(options: &DepthOptions) -> Result<(), VamvsError> {
         return wrong(format!("views must be at least 2 (a reference and a source), got {}", options.views));
     }
     if options.fovea && options.roi.is_none() {
-        return wrong("fovea needs a region of interest (--roi) that is to be seen sharply".to_owned());
+        return wrong("fovea needs a region of interest for fine depth (--roi)".to_owned());
     }
     if options.max_size < MIN_SIZE {
         return wrong(format!("max-size must be at least {MIN_SIZE} pixels, got {}", options.max_size));
@@ -127,7 +127,7 @@ impl Planner<'_> {
         }
         let sources: Vec<_> = view_selection::compared(selected, self.options.views - 1).collect();
         if sources.is_empty() {
-            return Err("no other view is known to see the same surfaces from aside".to_owned());
+            return Err("no other view is known to see the same surfaces from another position".to_owned());
         }
         let (range, origin) = self.range(view, &sources)?;
         let (range, region) = self.limited(view, range)?;
@@ -146,7 +146,7 @@ impl Planner<'_> {
             return Ok((range, None));
         }
         let (range, origin) = depth_range::for_view(self.scene, &self.seen, view, sources).ok_or(
-            "no depth range: the scene gives none, has too few points, and the cameras tell none; give one with --depth-range",
+            "no depth range: the scene gives none, has too few points, and the cameras do not determine one; give one with --depth-range",
         )?;
         Ok((range, Some(origin)))
     }
@@ -158,7 +158,7 @@ impl Planner<'_> {
         if self.options.fovea {
             return Ok((range, roi.pixel_box(&self.cameras[view], pose)));
         }
-        let outside = || "the region of interest is not in its picture".to_owned();
+        let outside = || "the region of interest is not in its image".to_owned();
         let region = roi.pixel_box(&self.cameras[view], pose).ok_or_else(outside)?;
         let (near, far) = roi.depth_range(pose).ok_or_else(outside)?;
         let range = DepthRange::try_new(near.max(range.near), far.min(range.far)).map_err(|_| {

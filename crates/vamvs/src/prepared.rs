@@ -1,4 +1,4 @@
-//! What depth maps are made of, complete: nothing of it changes while they are made.
+//! The inputs of depth maps, which do not change while the maps are made.
 
 use vamvs_core::Scene;
 use vamvs_net::Estimator;
@@ -16,7 +16,7 @@ pub struct Prepared {
     pub plan: Plan,
     /// The network and how it is run.
     pub estimator: Estimator,
-    /// The hash of the network's module: another module makes other depth maps.
+    /// The hash of the network's module, a part of the identity of depth maps.
     pub(crate) module: blake3::Hash,
     /// How depth maps are made.
     pub options: DepthOptions,

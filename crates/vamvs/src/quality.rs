@@ -1,8 +1,8 @@
-//! What a run takes and gives, in one word.
+//! Presets that trade time for quality.
 
 use crate::DepthOptions;
 
-/// A choice among the built-in networks and how large what they see is.
+/// A preset: a built-in network, sizes of photographs, and passes of refinement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Quality {
@@ -25,7 +25,8 @@ impl Quality {
         }
     }
 
-    /// The same options with what this quality decides: sizes, network stages and passes of refinement.
+    /// The same options with those replaced that the quality decides: sizes, network stages and
+    /// passes of refinement.
     #[must_use]
     pub fn applied(self, options: &DepthOptions) -> DepthOptions {
         let own = match self {

@@ -1,4 +1,4 @@
-//! One way in for programs: from a scene to its depth maps and its cloud.
+//! The entry point for programs: from a scene to its depth maps and its cloud.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use crate::{
     Photographs, Prepared, Quality, VamvsError, fit, weights,
 };
 
-/// A scene, and how it shall be reconstructed; what is not said is as in the `vamvs` command.
+/// A scene and the options of its reconstruction. Defaults are those of the `vamvs` command.
 ///
 /// ```no_run,standalone_crate
 /// use std::ops::ControlFlow;
@@ -57,13 +57,13 @@ pub struct Reconstructed {
 }
 
 impl Reconstruction {
-    /// Of a scene as [`crate::Input::load`] read it, with its photographs and masks.
+    /// A scene as [`crate::Input::load`] read it, with its photographs and masks.
     pub fn new(loaded: Loaded) -> Self {
         let Loaded { scene, images, masks, warnings, .. } = loaded;
         Self { warnings, ..Self::of(scene, Origin::Files { images, masks }) }
     }
 
-    /// Of a scene whose photographs the program has itself.
+    /// A scene with photographs that the program provides.
     pub fn with_photographs(scene: Scene, photographs: impl PhotoSource + 'static) -> Self {
         Self::of(scene, Origin::Program(Arc::new(photographs)))
     }
@@ -87,7 +87,7 @@ impl Reconstruction {
         Self { weights: Some(weights.into()), ..self }
     }
 
-    /// The network and the options that this quality decides; what is set after it wins.
+    /// The network and options of a quality; later calls override them.
     pub fn quality(self, quality: Quality) -> Self {
         Self { weights: Some(quality.weights().into()), depth: quality.applied(&self.depth), ..self }
     }
@@ -107,12 +107,12 @@ impl Reconstruction {
         Self { fusion, ..self }
     }
 
-    /// What other programs get beside the cloud.
+    /// Exports for other programs next to the cloud.
     pub fn exports(self, exports: ExportOptions) -> Self {
         Self { exports, ..self }
     }
 
-    /// Masks of the photographs' files instead of those that were found with the scene.
+    /// Replaces the masks found with the scene, if photographs are files.
     pub fn masks(mut self, wanted: Masks) -> Self {
         if let Origin::Files { masks, .. } = &mut self.origin {
             *masks = wanted;
@@ -120,7 +120,7 @@ impl Reconstruction {
         self
     }
 
-    /// Whether to make depth maps anew that are in the output folder already.
+    /// Whether to make depth maps again that exist already.
     pub fn force(self, force: bool) -> Self {
         Self { force, ..self }
     }
@@ -128,8 +128,8 @@ impl Reconstruction {
     /// Loads the network and decides what will be done for each view, so that depth maps fit into the memory.
     ///
     /// # Errors
-    /// If the module is none, the device is not there, an option makes no sense, no view has another one that sees the
-    /// same surfaces, or `on_event` breaks.
+    /// If the module is invalid, the device does not exist, an option is invalid, no view has
+    /// another one that sees the same surfaces, or `on_event` breaks.
     pub fn prepare(self, on_event: &mut OnEvent<'_>) -> Result<Prepared, VamvsError> {
         self.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
         let mut estimator = estimator(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
@@ -151,7 +151,7 @@ impl Reconstruction {
         let work = self.prepare(on_event)?;
         exports.expect_apart(out, work.photographs.folder())?;
         let depth = crate::estimate(&DepthJob { work: &work, output: &output, force }, on_event)?;
-        // Masked pixels have no depth already.
+        // Masked pixels already have no depth.
         let maps = Maps::open(out, Masks::None, on_event)?;
         let cloud = output.cloud();
         let fusion = crate::fuse(&maps, &cloud, &fusion, &exports, on_event)?;
@@ -159,7 +159,7 @@ impl Reconstruction {
     }
 }
 
-/// The network with at most as many iterations as are wanted.
+/// The estimator, with no more iterations than the options ask for.
 fn estimator(
     weights: Option<&Path>,
     device: Option<&str>,

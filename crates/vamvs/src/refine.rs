@@ -1,4 +1,4 @@
-//! Depth maps at hand, refined to the size of their photographs.
+//! Refines existing depth maps to the size of their photographs.
 //!
 //! [`refine_view`] and [`refine_view_geometric`] are the solver for one view; [`refine`] does all views of a folder.
 
@@ -23,19 +23,20 @@ pub use vamvs_refine::{refine as refine_view, refine_geometric as refine_view_ge
 pub struct RefineJob<'a> {
     /// The depth maps to begin with.
     pub maps: &'a Maps,
-    /// The scene with the photographs. Its views are found by their names, as [`crate::output::names`] makes them.
+    /// The scene with the photographs. Depth maps find their views by name, see
+    /// [`crate::output::names`].
     pub scene: &'a Scene,
     /// The photographs, at the size that refined maps shall have.
     pub photographs: &'a Photographs,
     /// The solver's options.
     pub options: &'a RefineOptions,
-    /// Views that are compared, the reference included.
+    /// Number of views that are compared, the reference included.
     pub views: usize,
-    /// Whether to go on with the depth maps of the source views after the photographs alone.
+    /// Whether a geometric pass follows the photometric one.
     pub geometric: bool,
     /// Where refined maps go.
     pub output: &'a OutputFolder,
-    /// Whether to refine anew what is there already.
+    /// Whether to refine again what exists already.
     pub force: bool,
 }
 
@@ -50,16 +51,16 @@ pub struct RefineSummary {
     pub skipped: Vec<LeftOut>,
     /// Time to read depth maps and photographs.
     pub reading: Duration,
-    /// Time to match photographs.
+    /// Time of the photometric pass.
     pub photometric: Duration,
-    /// Time to match photographs and the source views' depth maps.
+    /// Time of the geometric pass.
     pub geometric: Duration,
     /// Time to write.
     pub writing: Duration,
 }
 
-/// Refines all depth maps and keeps them, with `normals/`, in an output folder. Those that are there already, made of
-/// the same depth maps, photographs and options, are left as they are.
+/// Refines all depth maps and writes them, with `normals/`, to an output folder. Those in it that
+/// were made from the same depth maps, photographs and options are kept.
 ///
 /// # Errors
 /// If the output folder is one of the inputs, a file cannot be written, or no view can be refined. A view whose

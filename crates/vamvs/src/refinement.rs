@@ -1,4 +1,4 @@
-//! Depth maps refined to the full size of their photographs, between the network and the files.
+//! Refines the depth maps of the network to the full size of their photographs.
 
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -20,7 +20,7 @@ pub(crate) struct Refinement<'a> {
     scene: &'a Scene,
     photographs: Photographs,
     options: RefineOptions,
-    /// Whether depth maps will be refined once more.
+    /// Whether a second pass follows.
     has_more: bool,
     kept: PhotoCache,
     /// Time that reading photographs took.
@@ -35,15 +35,15 @@ pub(crate) struct Refinement<'a> {
 pub(crate) struct Seed<'a> {
     /// Its depth map.
     pub map: &'a DepthMap,
-    /// What each source view sees, as far as the network tells it.
+    /// The visibility maps of the source views, as far as the network gives them.
     pub visibility: &'a [Grid<f32>],
     /// The part of the image in which depth is wanted, as shares of its width and height; `None` for all of it.
     pub region: Option<[[f64; 2]; 2]>,
 }
 
 impl<'a> Refinement<'a> {
-    /// Of photographs as large as `photographs` has them before the network's reduction.
-    /// `has_more`: whether they will be refined once more.
+    /// Uses `photographs` at full size, before the reduction for the network. `has_more`: whether a
+    /// second pass follows.
     pub fn new(scene: &'a Scene, photographs: &Photographs, has_more: bool) -> Self {
         Self {
             scene,
@@ -79,7 +79,8 @@ impl<'a> Refinement<'a> {
         Ok((refined, reference))
     }
 
-    /// The depth map that `first` has of `view`, refined once more with those of `sources`, and its photograph.
+    /// The geometric pass: the first-pass map of `view`, refined with those of `sources`, and its
+    /// photograph. `first` gives the maps.
     pub fn refine_again(
         &mut self,
         view: usize,
@@ -87,7 +88,7 @@ impl<'a> Refinement<'a> {
         first: impl Fn(usize) -> Result<Rc<LoadedMap>, VamvsError>,
     ) -> Result<(Refined, Rc<Photo>), VamvsError> {
         let reference = self.photo(view)?;
-        // That a source view cannot be read is told where its own turn comes.
+        // A source view that cannot be read is reported when it is processed itself.
         let with_photo = |&source: &usize| Some((source, self.photo(source).ok()?));
         let sources: Vec<(usize, Rc<Photo>)> = sources.iter().filter_map(with_photo).collect();
         let begin = Instant::now();
@@ -101,7 +102,7 @@ impl<'a> Refinement<'a> {
         &self.options
     }
 
-    /// Gives up all photographs.
+    /// Drops all photographs.
     pub fn clear(&mut self) {
         self.kept = PhotoCache::default();
     }

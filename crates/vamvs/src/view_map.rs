@@ -24,15 +24,15 @@ pub struct ViewMap {
     pub normals: Option<Grid<[f32; 3]>>,
     /// The undistorted photograph at the depth map's size.
     pub colour: Grid<Rgb>,
-    /// Other views of the scene that may see the same surfaces, best first; where no map tells any, fusion chooses from
-    /// the cameras.
+    /// Other views of the scene that may see the same surfaces, best first. If no map has any,
+    /// fusion chooses from the cameras.
     pub neighbours: Vec<Source>,
 }
 
 /// Fuses depth maps that are in memory into a cloud in memory.
 ///
 /// # Errors
-/// If an option makes no sense, a grid has not its depth map's size, or `on_event` breaks.
+/// If an option is invalid, a grid differs in size from its depth map, or `on_event` breaks.
 pub fn fuse_in_memory<M: Borrow<ViewMap> + Sync>(
     maps: &[M],
     options: &FusionOptions,
@@ -41,11 +41,11 @@ pub fn fuse_in_memory<M: Borrow<ViewMap> + Sync>(
     let maps: Vec<&ViewMap> = maps.iter().map(Borrow::borrow).collect();
     let neighbours = neighbours(&maps, options.neighbours);
     let mut cloud = Cloud::new();
-    let sink = |fused: &FusedPoints| {
+    let mut sink = |fused: &FusedPoints| {
         cloud.extend_from_slice(fused.points());
         Ok(())
     };
-    merge(&InMemory(&maps), &neighbours, options, sink, on_event)?;
+    merge(&InMemory(&maps), &neighbours, options, &mut sink, on_event)?;
     Ok(cloud)
 }
 

@@ -21,11 +21,11 @@ enum Source<'a> {
     File(&'a Path),
 }
 
-/// Loads the built-in network of the name `weights`, or the module in the file `weights`; that of [`Quality::Normal`] if
-/// nothing is said.
+/// Loads the built-in network named `weights`, or the module in the file `weights`; by default the
+/// network of [`Quality::Normal`].
 ///
 /// # Errors
-/// If the file is no module of the contract.
+/// If the file is not a module of the contract.
 pub fn load(weights: Option<&Path>, device: Device) -> Result<Network, VamvsError> {
     Ok(match source(weights) {
         Source::BuiltIn(name, bytes) => Network::from_reader(bytes, device, name)?,
@@ -33,7 +33,7 @@ pub fn load(weights: Option<&Path>, device: Device) -> Result<Network, VamvsErro
     })
 }
 
-/// The bytes of the module that [`load`] loads: what a depth map's identity depends on.
+/// The bytes of the module that [`load`] loads, a part of the identity of depth maps.
 ///
 /// # Errors
 /// If the file cannot be read.

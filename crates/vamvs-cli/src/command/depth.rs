@@ -1,25 +1,28 @@
 //! `vamvs depth`: photographs and cameras to depth maps.
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use serde_json::json;
 use vamvs::core::Scene;
-use vamvs::depth::DepthJob;
+use vamvs::depth::{DepthJob, DepthStep, collect, estimate_part};
 use vamvs::io::masks::Masks;
 use vamvs::net::device::device_name;
 use vamvs::net::{EstimatorOptions, Stage};
 use vamvs::{DepthSummary, OutputFolder, Plan, Prepared, ViewPlan};
 
-use crate::arguments::DepthArguments;
+use crate::arguments::{DepthArguments, DepthCommand, DepthStepFlags, DepthTask};
 use crate::heap::KeptBlocks;
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::timing::Timing;
 
 /// Runs the command.
-pub fn run(arguments: &DepthArguments) -> Result<()> {
+pub fn run(DepthCommand { depth: arguments, step }: &DepthCommand) -> Result<()> {
     let settings = settings(arguments)?;
     let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
-    let summary = estimate(arguments, &settings, &progress)?;
+    let summary = match step.step {
+        None => estimate(arguments, &settings, &progress)?,
+        Some(task) => estimate_step(arguments, &settings, (task, step), &progress)?,
+    };
     progress.finish();
     timing.add_depth(&summary);
     timing.say(&progress);
@@ -45,20 +48,57 @@ pub fn estimate(
 ) -> Result<DepthSummary> {
     settings.use_threads()?;
     let _blocks = KeptBlocks::begin();
-    let loaded = settings.input.scene()?.load()?;
     let out = OutputFolder::new(&arguments.out());
+    let work = prepared(settings, &out, progress)?;
+    say_work(&work, progress);
+    let job = DepthJob { work: &work, output: &out, force: arguments.force };
+    begin(&job, settings)?;
+    let summary = vamvs::estimate(&job, &mut |event| progress.show(event))?;
+    say_summary(&summary, progress);
+    Ok(summary)
+}
+
+/// Does one step, for a part of the views where it is one.
+fn estimate_step(
+    arguments: &DepthArguments,
+    settings: &Settings,
+    (task, flags): (DepthTask, &DepthStepFlags),
+    progress: &Progress,
+) -> Result<DepthSummary> {
+    settings.use_threads()?;
+    let _blocks = KeptBlocks::begin();
+    let out = OutputFolder::new(&arguments.out());
+    let work = prepared(settings, &out, progress)?;
+    let job = DepthJob { work: &work, output: &out, force: arguments.force };
+    let mut show = |event| progress.show(event);
+    let part = || flags.part.context("--part is missing");
+    let summary = match task {
+        DepthTask::Photometric => estimate_part(&job, DepthStep::Photometric, part()?, &mut show)?,
+        DepthTask::Geometric => estimate_part(&job, DepthStep::Geometric, part()?, &mut show)?,
+        DepthTask::Collect => {
+            let parts = flags.parts.context("--parts is missing")?.get();
+            collect(&job, parts, &mut show)?
+        }
+    };
+    say_summary(&summary, progress);
+    Ok(summary)
+}
+
+/// The scene, the network and the plan for depth maps that go to `out`.
+pub fn prepared(settings: &Settings, out: &OutputFolder, progress: &Progress) -> Result<Prepared> {
+    let loaded = settings.input.scene()?.load()?;
     out.expect_apart(settings.input.cams.as_deref())?;
     let inputs = settings.input.given().chain([loaded.images.as_path()]);
     settings.export.expect_apart(out.root(), inputs)?;
     let work = settings.reconstruction(loaded)?.prepare(&mut |event| progress.show(event))?;
     expect_iterations(&work, settings.depth.iterations)?;
-    say_work(&work, progress);
-    let job = DepthJob { work: &work, output: &out, force: arguments.force };
-    vamvs::depth::prepare(&job)?;
-    settings.absolute()?.save(&out.root().join("run.toml"))?;
-    let summary = vamvs::estimate(&job, &mut |event| progress.show(event))?;
-    say_summary(&summary, progress);
-    Ok(summary)
+    Ok(work)
+}
+
+/// Makes the output folder and keeps the settings in it.
+pub fn begin(job: &DepthJob<'_>, settings: &Settings) -> Result<()> {
+    vamvs::depth::prepare(job)?;
+    settings.absolute()?.save(&job.output.root().join("run.toml"))
 }
 
 /// Refuses to run fewer iterations than the user asked for.

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use serde_json::json;
 use vamvs::fusion::FuseError;
 use vamvs::io::masks::Masks;
-use vamvs::{FuseSummary, Maps, VamvsError};
+use vamvs::{FuseSummary, Maps, PartialFusion, VamvsError};
 
 use super::report;
-use crate::arguments::{CommonFlags, FuseArguments};
+use crate::arguments::{CommonFlags, FuseArguments, FusionStepFlags, FusionTask};
 use crate::progress::Progress;
 use crate::settings::{Settings, roi, set};
 use crate::timing::Timing;
@@ -24,7 +24,14 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
     let maps = Maps::open(&arguments.depths, masks(arguments)?, &mut |event| progress.show(event))?;
     let cloud = arguments.out.clone().unwrap_or_else(|| maps.default_cloud());
-    let (maps, fused) = merge_readable(maps, &cloud, &settings, (&arguments.common, &progress))?;
+    let (maps, fused) = match arguments.step.step {
+        None => merge_readable(maps, &cloud, &settings, (&arguments.common, &progress))?,
+        Some(FusionTask::Concatenate) => {
+            let fused = concatenate(&maps, &cloud, &settings, (&arguments.step, &progress))?;
+            (maps, fused)
+        }
+        Some(step) => return part(&maps, &settings, (step, &arguments.step), &progress),
+    };
     timing.add_fusion(&fused);
     let kept = (&maps, &*cloud, &fused);
     timing.of("report", || report::keep(kept, &settings, !arguments.no_report, &progress))?;
@@ -66,16 +73,60 @@ pub fn merge_readable(
     }
 }
 
+/// Does a part of one of the passes.
+fn part(
+    maps: &Maps,
+    settings: &Settings,
+    (step, flags): (FusionTask, &FusionStepFlags),
+    progress: &Progress,
+) -> Result<()> {
+    let fusion = PartialFusion::new(maps, &settings.fusion)?;
+    let part = flags.part.context("--part is missing")?;
+    let mut show = |event| progress.show(event);
+    let did = match step {
+        FusionTask::Confirm => fusion.confirm(part, &mut show)?,
+        FusionTask::Merge | FusionTask::Concatenate => fusion.merge(part, &mut show)?,
+    };
+    progress.finish();
+    progress.say(&format!("part {part}: {}", if did { "done" } else { "was done" }));
+    Ok(())
+}
+
+/// Makes the cloud of all parts.
+fn concatenate(
+    maps: &Maps,
+    cloud: &Path,
+    settings: &Settings,
+    (flags, progress): (&FusionStepFlags, &Progress),
+) -> Result<FuseSummary> {
+    let fusion = PartialFusion::new(maps, &settings.fusion)?;
+    let parts = flags.parts.context("--parts is missing")?.get();
+    let fused = fusion.concatenate(parts, cloud, &settings.export, &mut |event| progress.show(event))?;
+    say_fused(maps, (cloud, &fused), settings, progress)?;
+    Ok(fused)
+}
+
 /// Whether a view could not be read or its files do not fit together.
 fn is_unreadable(error: &anyhow::Error) -> bool {
     let fusion = error.downcast_ref::<VamvsError>();
     matches!(fusion, Some(VamvsError::Fuse(FuseError::Load { .. } | FuseError::Size { .. })))
 }
 
-/// Fuses and says what became of the pixels; no points at all are an error.
+/// Fuses and says what became of the pixels.
 fn merge(maps: &Maps, cloud: &Path, settings: &Settings, progress: &Progress) -> Result<FuseSummary> {
     let mut show = |event| progress.show(event);
     let fused = vamvs::fuse(maps, cloud, &settings.fusion, &settings.export, &mut show)?;
+    say_fused(maps, (cloud, &fused), settings, progress)?;
+    Ok(fused)
+}
+
+/// Says what became of the pixels; no points at all are an error.
+fn say_fused(
+    maps: &Maps,
+    (cloud, fused): (&Path, &FuseSummary),
+    settings: &Settings,
+    progress: &Progress,
+) -> Result<()> {
     if fused.points == 0 {
         bail!(
             "no point survived the filters, so no cloud was written: {}. Loosen --min-views, --confidence, --max-reprojection or --max-relative-depth, with `vamvs fuse {}`",
@@ -88,7 +139,7 @@ fn merge(maps: &Maps, cloud: &Path, settings: &Settings, progress: &Progress) ->
         progress.say(&format!("{} views left out", fused.skipped.len()));
     }
     say_exports(cloud, settings, progress);
-    Ok(fused)
+    Ok(())
 }
 
 /// Where exports are.

@@ -14,6 +14,8 @@ mod refine;
 mod report;
 mod synth;
 #[cfg(feature = "net")]
+mod tasks;
+#[cfg(feature = "net")]
 mod train;
 
 use anyhow::{Result, bail};
@@ -28,6 +30,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
         #[cfg(feature = "net")]
         Command::Depth(arguments) => depth::run(arguments),
+        #[cfg(feature = "net")]
+        Command::Tasks(arguments) => tasks::run(arguments),
         Command::Refine(arguments) => refine::run(arguments),
         Command::Fuse(arguments) => fuse::run(arguments),
         Command::Synth(arguments) => synth::run(arguments),

@@ -83,7 +83,7 @@ fn render(surface: Surface, size: Size, cam_from_world: Pose, colour: Rgb) -> Fu
     FusionView { map, mask: None, colour: Grid::filled(size, colour), normals: None }
 }
 
-/// All views but itself for each view.
+/// For each view, all other views.
 #[must_use]
 pub fn all_others(count: usize) -> Vec<Vec<usize>> {
     (0..count).map(|view| (0..count).filter(|&other| other != view).collect()).collect()

@@ -11,20 +11,21 @@ use crate::{Event, Pass, Prepared, VamvsError, ViewMap, ViewPlan};
 
 /// The depth maps of the planned views in their order, each made when it is asked for. No file is written.
 ///
-/// Views that can have none are told as [`Event::Warning`]s and passed over. With two passes of refinement, what the first
-/// one made is kept in memory, 20 bytes a pixel, as long as a view to come needs it. After an error there is nothing more.
+/// A view that can have no depth map gives an [`Event::Warning`] and is skipped. With two passes of
+/// refinement, first-pass maps stay in memory (20 bytes a pixel) as long as a later view needs
+/// them. The iterator ends after an error.
 pub struct DepthMaps<'a> {
     work: &'a Prepared,
     maker: Maker<'a>,
     on_event: Box<OnEvent<'a>>,
     names: Vec<String>,
-    /// Views to come.
+    /// Views still to be done.
     waiting: VecDeque<usize>,
     total: usize,
     ready: VecDeque<ViewMap>,
-    /// What the first pass made, or why it could not.
+    /// First-pass depth maps by view, or why there is none.
     first: HashMap<usize, Result<Rc<LoadedMap>, String>>,
-    /// For each view, how many views to come need its depth map of the first pass.
+    /// For each view, how many remaining views need its first-pass depth map.
     needed: Vec<usize>,
 }
 
@@ -69,7 +70,7 @@ impl<'a> DepthMaps<'a> {
         }
     }
 
-    /// Makes the depth maps of one view; fails only if the caller wants to end.
+    /// Makes the depth maps of one view; fails only if the caller cancels.
     fn view(&mut self, view: usize) -> Result<(), VamvsError> {
         let (work, begin) = (self.work, Instant::now());
         let name = work.scene.views[view].name.clone();
@@ -105,7 +106,7 @@ impl<'a> DepthMaps<'a> {
         Ok(self.maker.make(view, plan, &mut self.on_event)?.maps)
     }
 
-    /// A depth map of both passes, after the first pass of the view and its source views.
+    /// A view's final depth map. Runs the first pass of the view and its source views before.
     fn twice_refined(&mut self, view: usize, plan: &ViewPlan) -> Result<MadeMap, VamvsError> {
         for view in std::iter::once(view).chain(plan.sources.iter().copied()) {
             self.ensure_first(view)?;
@@ -119,7 +120,7 @@ impl<'a> DepthMaps<'a> {
         self.maker.refine_again(view, plan, first)
     }
 
-    /// Sees to it that the first pass of a view is done, as far as it can be.
+    /// Runs the first pass of a view unless that is done; if it fails, keeps the reason.
     fn ensure_first(&mut self, view: usize) -> Result<(), VamvsError> {
         let work = self.work;
         let Ok(plan) = &work.plan.views[view] else { return Ok(()) };
@@ -141,7 +142,7 @@ impl<'a> DepthMaps<'a> {
         Ok(())
     }
 
-    /// Drops what the first pass made that no view after this one needs.
+    /// Drops first-pass maps that no view after this one needs.
     fn forget_first(&mut self, view: usize) {
         for first in first_of(self.work, view) {
             self.needed[first] -= 1;
@@ -152,7 +153,7 @@ impl<'a> DepthMaps<'a> {
     }
 }
 
-/// The views whose depth maps of the first pass a view's depth map is made of.
+/// The views whose first-pass maps a final depth map needs: the view and its source views.
 fn first_of(work: &Prepared, view: usize) -> impl Iterator<Item = usize> {
     let plan = work.plan.views[view].as_ref().ok();
     plan.into_iter().flat_map(move |plan| std::iter::once(view).chain(plan.sources.iter().copied()))

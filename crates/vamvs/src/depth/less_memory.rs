@@ -7,7 +7,8 @@ use crate::refinement::Refinement;
 use crate::{Event, VamvsError, ViewPlan, memory};
 
 impl Maker<'_> {
-    /// Gives memory back and then drops what is kept, where the next depth map would not fit beneath the ceiling.
+    /// If the next depth map would exceed the ceiling, returns free memory to the system and, if
+    /// that is not enough, empties the caches.
     pub(super) fn stay_below_ceiling(&mut self, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
         if self.ceiling.has_room() {
             return Ok(());
@@ -23,7 +24,8 @@ impl Maker<'_> {
         warning.map_or(Ok(()), |warning| tell(on_event, Event::Warning(warning)))
     }
 
-    /// Makes one depth map without features of other views in memory, or if that does not suffice, a smaller one.
+    /// Makes a view's depth maps with an empty feature cache or, if memory still runs out, at half
+    /// the size.
     pub(super) fn make_with_less(
         &mut self,
         view: usize,
@@ -37,7 +39,8 @@ impl Maker<'_> {
         }
     }
 
-    /// Makes one depth map of photographs of half the size, which take a quarter of the memory.
+    /// Makes a view's depth maps from photographs of half the size, which take a quarter of the
+    /// memory.
     fn make_smaller(
         &mut self,
         view: usize,
@@ -48,7 +51,7 @@ impl Maker<'_> {
         let planned = work.plan.cameras[view].size;
         let half = self.features.photographs.max_size().min(planned.width.max(planned.height)) / 2;
         let name = &work.scene.views[view].name;
-        let text = format!("{name}: memory does not suffice; tried again at {half} pixels");
+        let text = format!("{name}: out of memory; trying again with photographs of {half} pixels");
         tell(on_event, Event::Warning(text))?;
         self.features.clear();
         let photographs = work.photographs.reduced_to(half);

@@ -1,4 +1,4 @@
-//! The depth maps of single views, made of photographs. Where they go is not known here.
+//! Makes the depth maps of single views from photographs. The caller stores them.
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -19,16 +19,16 @@ use crate::photographs::working_cameras;
 use crate::refinement::{BYTES_PER_PIXEL, Refinement, Seed, shares};
 use crate::{Event, Prepared, VamvsError, ViewPlan, memory};
 
-/// A depth this close to an end of its planes, as a share of them, sits at that end.
+/// A depth within this share of the planes from either end counts as being at that end.
 const END_SHARE: f64 = 0.01;
 
-/// Share of the depths at an end of the range above which a warning is due.
+/// Above this share of depths at one end of the range, a warning is given.
 const MANY_AT_END: f64 = 0.25;
 
-/// Views whose features are kept beside those that one depth map compares.
+/// Number of views whose features are kept beside those needed for one depth map.
 const BESIDE: usize = 3;
 
-/// Makes depth maps; keeps what the next ones need too, as far as there is memory for it.
+/// Makes depth maps; keeps what the next ones need too, as far as memory allows.
 pub(super) struct Maker<'a> {
     pub work: &'a Prepared,
     pub features: FeatureCache<'a>,
@@ -45,7 +45,7 @@ pub(super) struct Made {
     pub maps: Vec<MadeMap>,
     /// The plan with the source views that could be used.
     pub plan: ViewPlan,
-    /// Longer side of the photographs that the network saw at most, pixels.
+    /// Largest longer side of the photographs that the network saw, pixels.
     pub network_size: usize,
 }
 
@@ -57,13 +57,14 @@ pub(super) struct MadeMap {
 }
 
 impl Prepared {
-    /// Whether depth maps are refined twice. The coarse maps around a fovea are not.
+    /// Whether depth maps are refined twice; with `--fovea` they are not.
     pub(super) fn has_two_passes(&self) -> bool {
         self.options.refine && self.options.geometric && !self.options.fovea
     }
 
-    /// The names of a view's depth maps, of which `name` is the finest: with `--fovea` there are coarser maps before it,
-    /// named with what their size is divided by: `NAME@8` (with a coarse stride of 8), `NAME@4`, `NAME`.
+    /// The names of a view's depth maps, the coarsest first. With `--fovea`, coarser maps come
+    /// before the finest, `name`, and their names end with their scale: `NAME@8` (with a coarse
+    /// stride of 8), `NAME@4`, `NAME`.
     pub(super) fn map_names(&self, view: usize, name: &str) -> Vec<String> {
         let coarser = |scale: &usize| format!("{name}@{scale}");
         match &self.plan.views[view] {
@@ -108,7 +109,7 @@ impl<'a> Maker<'a> {
         }
     }
 
-    /// Makes a view's depth maps; where memory does not suffice, with less of it, and then smaller ones.
+    /// Makes a view's depth maps; if memory runs out, tries again with less, then at half the size.
     pub fn make(
         &mut self,
         view: usize,
@@ -121,7 +122,8 @@ impl<'a> Maker<'a> {
         }
     }
 
-    /// Refines a view's depth map once more with those of its source views; `first` tells what the first pass made.
+    /// Refines a view's depth map once more with those of its source views; `first` gives the
+    /// first-pass maps.
     pub fn refine_again(
         &mut self,
         view: usize,
@@ -132,7 +134,7 @@ impl<'a> Maker<'a> {
         Ok(refined_map(refinement.refine_again(view, &plan.sources, first)?))
     }
 
-    /// Gives up all features: the network's work is done.
+    /// Drops all features; the network is not needed any more.
     pub fn end_network(&mut self) {
         self.features.clear();
         memory::give_back();
@@ -162,7 +164,7 @@ impl<'a> Maker<'a> {
                     used.push(source);
                 }
                 Err(error) if error.ends_run() => return Err(error),
-                Err(_) => {} // It is told where its own turn comes.
+                Err(_) => {} // Reported when the view itself is processed.
             }
         }
         if sources.is_empty() {
@@ -182,7 +184,7 @@ impl<'a> Maker<'a> {
         if let (Some(refinement), Some(finest)) = (&mut self.refinement, maps.last_mut()) {
             let region = region.filter(|_| plan.region.is_some());
             let region = region.map(|region| shares(region, reference.photo.camera.size));
-            // Of a view far from the region there is the coarse map alone, which stays coarse.
+            // A view that does not see the region has only a coarse map, which is not refined.
             if !plan.foveated || region.is_some() {
                 let seed = Seed { map: &finest.map, visibility: &visibility, region };
                 *finest = refined_map(refinement.refine(view, &used, &seed)?);
@@ -191,7 +193,7 @@ impl<'a> Maker<'a> {
         Ok(Made { maps, plan: self.usable(plan), network_size: self.features.photographs.max_size() })
     }
 
-    /// A photograph's features. What cannot be read is not tried twice.
+    /// A photograph's features. A photograph that could not be read is not tried again.
     fn encoded(&mut self, view: usize, on_event: &mut OnEvent<'_>) -> Result<Rc<Encoded>, VamvsError> {
         if let Some(reason) = self.unusable.get(&view) {
             return Err(VamvsError::Request(reason.clone()));
@@ -238,7 +240,7 @@ impl<'a> Maker<'a> {
 }
 
 impl MadeMap {
-    /// A depth map as the network gives it, with the photograph at its size.
+    /// An unrefined depth map, with the photograph at its size.
     fn new(map: DepthMap, photo: &Photo) -> Self {
         let size = map.depth.size();
         let scale = map.scale_in(&photo.camera);
@@ -273,7 +275,7 @@ fn warn_of_range_ends(
         if count as f64 > MANY_AT_END * total as f64 && total > 0 {
             let share = 100.0 * count as f64 / total as f64;
             let text = format!(
-                "{name}: {share:.0} % of the depths sit at the {end} end {value:.4} of the range: it may be too narrow (--depth-range)"
+                "{name}: {share:.0} % of the depths are at the {end} end ({value:.4}) of the range, which may be too narrow (--depth-range)"
             );
             tell(on_event, Event::Warning(text))?;
         }

@@ -1,4 +1,4 @@
-//! Parts of an image: what masks and regions of interest leave, and depth maps of it.
+//! Masks and regions of interest: the part of an image that they leave, and its depth map.
 
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Size};
@@ -6,7 +6,7 @@ use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Size};
 /// Pixels around a region of interest that are computed too, so that its border has neighbours.
 const REGION_MARGIN: usize = 32;
 
-/// Leaves no depth where the mask of the photograph says not to look.
+/// Removes the depths of masked pixels.
 pub(super) fn remove_masked(map: &mut DepthMap, mask: &Grid<bool>, scale: usize) {
     let size = map.depth.size();
     let mask = covered(mask, size, scale).resized_nearest(size);
@@ -34,7 +34,8 @@ pub(super) fn rescaled(region: PixelBox, from: Size, to: Size) -> PixelBox {
     }
 }
 
-/// The part of the region, or of the whole photograph, that its mask leaves: nothing else is looked at.
+/// The part of the region, or of the whole photograph, around its unmasked pixels; `None` for the
+/// whole photograph.
 pub(super) fn unmasked(region: Option<PixelBox>, photo: &Photo) -> Option<PixelBox> {
     let Some(left) = photo.mask.as_ref().and_then(PixelBox::around) else { return region };
     let Size { width, height } = photo.camera.size;
@@ -54,8 +55,8 @@ pub(super) fn widened(region: PixelBox, size: Size) -> PixelBox {
     }
 }
 
-/// The map of a part of the image, at its place in a map of the whole, without depth outside of
-/// `region`.
+/// A depth map of the whole image with the map of a part pasted at its place, without depth outside
+/// of `region`.
 pub(super) fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBox) -> DepthMap {
     let scale = part.scale_in(&camera);
     let size = Size::new(camera.size.width / scale, camera.size.height / scale);

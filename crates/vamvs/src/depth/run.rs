@@ -1,4 +1,4 @@
-//! The first pass over the views, to a folder, and what remains to be written when all views are done.
+//! The first pass over the views, written to a folder, and the files written at the end of a run.
 
 use std::collections::{BTreeSet, HashMap};
 use std::time::Instant;
@@ -22,7 +22,7 @@ pub(super) struct Run<'a> {
     identity: Identity<'a>,
     /// Where the first pass leaves its depth maps.
     pub first: OutputFolder,
-    /// With two passes, the views whose depth maps were there before.
+    /// With two passes, the views whose final depth maps existed before.
     pub done: BTreeSet<usize>,
     pub left_out: BTreeSet<usize>,
     pub summary: DepthSummary,
@@ -36,7 +36,7 @@ enum Outcome {
     LeftOut(String),
 }
 
-/// Where the first pass leaves its depth maps: where they stay, or beside, if there is another pass.
+/// The folder of first-pass maps: the output folder or, with two passes, `photometric/` in it.
 pub(super) fn first_folder(job: &DepthJob<'_>) -> OutputFolder {
     if job.work.has_two_passes() { job.output.photometric() } else { job.output.clone() }
 }
@@ -58,19 +58,27 @@ impl<'a> Run<'a> {
     }
 
     pub fn all_views(mut self, on_event: &mut OnEvent<'_>) -> Result<DepthSummary, VamvsError> {
+        let all = (0..self.names.len()).collect();
         if self.work.has_two_passes() {
-            self.find_done();
-            self.first_pass(Pass::Photometric, on_event)?;
-            self.geometric_pass(on_event)?;
+            self.find_done(&all);
+            self.first_pass(Pass::Photometric, &self.needed(&all), on_event)?;
+            self.geometric_pass(&all, on_event)?;
+            self.remove_first()?;
         } else {
-            self.first_pass(Pass::Final, on_event)?;
+            self.first_pass(Pass::Final, &all, on_event)?;
         }
         self.finish()
     }
 
-    fn first_pass(&mut self, pass: Pass, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
-        let (work, needed) = (self.work, self.needed());
-        let plans = work.plan.views.iter().enumerate().filter(|(view, _)| needed.contains(view));
+    /// The first pass over these views.
+    pub fn first_pass(
+        &mut self,
+        pass: Pass,
+        views: &BTreeSet<usize>,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<(), VamvsError> {
+        let work = self.work;
+        let plans = work.plan.views.iter().enumerate().filter(|(view, _)| views.contains(view));
         let total = plans.clone().filter(|(_, plan)| plan.is_ok()).count();
         let mut done = 0;
         for (view, plan) in plans {
@@ -115,11 +123,17 @@ impl<'a> Run<'a> {
         })
     }
 
-    fn map_names(&self, view: usize) -> Vec<String> {
+    pub fn map_names(&self, view: usize) -> Vec<String> {
         self.work.map_names(view, &self.names[view])
     }
 
-    /// Makes one depth map unless it is there. Fails only if it cannot be saved, or the caller wants to end.
+    /// The hash of the plan and of the settings.
+    pub fn settings(&self) -> String {
+        self.identity.of_settings(self.work)
+    }
+
+    /// Makes a view's depth maps unless they exist. Fails only if one cannot be saved or the caller
+    /// cancels.
     fn view(
         &mut self,
         view: usize,
@@ -152,7 +166,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Whether there are undamaged depth maps that were made of the same.
+    /// Whether the view has undamaged depth maps made from the same inputs.
     fn is_there(&self, view: usize, record: &Record) -> bool {
         let output = &self.first;
         let same = |saved: Record| saved.made_of == record.made_of;
@@ -160,7 +174,7 @@ impl<'a> Run<'a> {
         !self.force && self.map_names(view).iter().all(is_saved)
     }
 
-    /// The record of a depth map that is made with all source views that are not known to be unusable.
+    /// The record of a depth map made with all source views not known to be unusable.
     pub fn planned_record(&self, view: usize, plan: &ViewPlan) -> Record {
         self.record(view, &self.maker.usable(plan), self.maker.features.photographs.max_size())
     }
@@ -175,8 +189,9 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Writes `pair.txt` of the views that have a depth map, and which have none. That none has one is an error.
-    fn finish(self) -> Result<DepthSummary, VamvsError> {
+    /// Writes `pair.txt` for the views with a depth map, and `left-out.json` for the others; an
+    /// error if no view has one.
+    pub fn finish(self) -> Result<DepthSummary, VamvsError> {
         let there: Vec<usize> = (0..self.names.len()).filter(|view| !self.left_out.contains(view)).collect();
         if let (true, Some(LeftOut { view, reason })) = (there.is_empty(), self.summary.skipped.first()) {
             return Err(VamvsError::Request(format!("no depth map could be made: {view}: {reason}")));
@@ -201,7 +216,7 @@ impl<'a> Run<'a> {
     }
 
     /// The summary with all times.
-    fn timed(self) -> DepthSummary {
+    pub fn timed(self) -> DepthSummary {
         let Self { mut summary, maker, .. } = self;
         summary.profile = maker.profile;
         summary.reading += maker.features.reading;

@@ -11,9 +11,10 @@ use crate::output::{LeftOut, Record, SavedMap};
 use crate::{Event, Pass, VamvsError, ViewPlan};
 
 impl Run<'_> {
-    /// Finds the views whose depth maps are there, made of the same as they would be now.
-    pub fn find_done(&mut self) {
-        for (view, plan) in self.work.plan.views.iter().enumerate() {
+    /// Finds the views whose final depth maps exist and were made from the same inputs.
+    pub fn find_done(&mut self, views: &BTreeSet<usize>) {
+        for &view in views {
+            let plan = &self.work.plan.views[view];
             let (Ok(plan), Some(saved)) = (plan, self.output.saved(&self.names[view])) else { continue };
             let planned = |view: usize| {
                 let plan = self.work.plan.views[view].as_ref().ok();
@@ -26,22 +27,25 @@ impl Run<'_> {
         }
     }
 
-    /// The views whose depth maps of the first pass are needed.
-    pub fn needed(&self) -> BTreeSet<usize> {
-        let plans = self.work.plan.views.iter().enumerate();
-        let missing = plans.filter(|(view, _)| !self.done.contains(view));
-        let with_sources = |(view, plan): (usize, &Result<ViewPlan, String>)| {
-            let sources = plan.as_ref().map_or(Vec::new(), |plan| plan.sources.clone());
-            std::iter::once(view).chain(sources)
+    /// The views whose first-pass maps are needed to make the final maps of `views`.
+    pub fn needed(&self, views: &BTreeSet<usize>) -> BTreeSet<usize> {
+        let missing = views.iter().filter(|view| !self.done.contains(view));
+        let with_sources = |&view: &usize| {
+            let plan = self.work.plan.views[view].as_ref();
+            std::iter::once(view).chain(plan.map_or(Vec::new(), |plan| plan.sources.clone()))
         };
         missing.flat_map(with_sources).collect()
     }
 
-    /// Refines the depth maps of the first pass with those of the source views, and removes them.
-    pub fn geometric_pass(&mut self, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
+    /// Refines the first-pass maps of these views with those of their source views.
+    pub fn geometric_pass(
+        &mut self,
+        views: &BTreeSet<usize>,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<(), VamvsError> {
         self.maker.end_network();
-        let planned = (0..self.names.len()).filter(|&view| self.work.plan.views[view].is_ok());
-        let views: Vec<usize> = planned.collect();
+        let views: Vec<usize> =
+            views.iter().copied().filter(|&view| self.work.plan.views[view].is_ok()).collect();
         let total = views.len();
         for (done, &view) in views.iter().enumerate() {
             if self.left_out.contains(&view) {
@@ -57,11 +61,16 @@ impl Run<'_> {
             let (pass, done) = (Pass::Final, done + 1);
             tell(on_event, Event::DepthMap { name, pass, done, total, resumed, time: begin.elapsed() })?;
         }
-        let names: Vec<&str> = views.iter().map(|&view| self.names[view].as_str()).collect();
-        self.first.remove(&names)
+        Ok(())
     }
 
-    /// The geometric pass of one view. The outer error is one of writing.
+    /// Removes the depth maps of the first pass.
+    pub fn remove_first(&self) -> Result<(), VamvsError> {
+        let planned = (0..self.names.len()).filter(|&view| self.work.plan.views[view].is_ok());
+        self.first.remove(&planned.map(|view| self.names[view].as_str()).collect::<Vec<_>>())
+    }
+
+    /// The geometric pass of one view. The outer error means that a file could not be written.
     fn refine_again(&mut self, view: usize) -> Result<Result<(), VamvsError>, VamvsError> {
         let Ok(plan) = &self.work.plan.views[view] else { return Ok(Ok(())) };
         let first = |view: usize| self.first.load(&self.names[view]).map(Rc::new);
@@ -80,7 +89,7 @@ impl Run<'_> {
     }
 }
 
-/// The hash of what makes the depth map of the geometric pass, from those of the first pass.
+/// The hash of a final depth map: of the hashes of the first-pass maps that it is made from.
 fn made_again_of(view: usize, plan: &ViewPlan, first: impl Fn(usize) -> Option<String>) -> String {
     let mut hasher = blake3::Hasher::new();
     for view in std::iter::once(view).chain(plan.sources.iter().copied()) {

@@ -13,23 +13,23 @@ use crate::VamvsError;
 /// How a cloud is measured.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CloudProtocol {
-    /// DTU's.
+    /// That of DTU.
     Dtu(DtuProtocol),
     /// That of Tanks and Temples.
     Tnt {
         /// The protocol.
         protocol: TntProtocol,
-        /// Whether to improve the alignment on the clouds first.
+        /// Whether to refine the alignment of the clouds (ICP) first.
         refine: bool,
     },
-    /// Distances in both directions, as the clouds stand.
+    /// Distances in both directions, without alignment.
     Generic {
         /// Thresholds, scene units.
         thresholds: Vec<f64>,
     },
 }
 
-/// What it measures.
+/// The scores of a cloud.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "protocol", rename_all = "kebab-case")]
 pub enum CloudScores {

@@ -1,4 +1,4 @@
-//! Depth maps of a scene against true ones, view by view.
+//! Compares the depth maps of a scene with ground truth, view by view.
 
 use std::path::{Path, PathBuf};
 
@@ -15,13 +15,14 @@ use vamvs_io::{depth, visibility};
 use crate::event::{OnEvent, tell};
 use crate::{Event, Maps, VamvsError};
 
-/// Poses that differ by more than this, as a share of a median depth or in radians, are of other cameras.
+/// Poses of the same camera differ by at most this: positions as a share of the median depth,
+/// rotation matrices in the Frobenius norm (√2 times the angle in radians).
 const SAME_POSE: f64 = 0.01;
 
-/// Relative errors of interest.
+/// Default thresholds of the relative error.
 const RELATIVE: [f64; 4] = [0.002, 0.005, 0.01, 0.02];
 
-/// Errors of interest in plane distances: those of the paper (section 4.1).
+/// Default thresholds in plane distances: those of the paper (section 4.1).
 const PLANES: [f64; 2] = [1.0, 3.0];
 
 /// Errors of a region.
@@ -39,7 +40,7 @@ pub struct RegionErrors {
 pub struct ViewErrors {
     /// Its name.
     pub view: String,
-    /// By region: all, and where visibility is known, the parts.
+    /// By region: all pixels and, if visibility is known, invisible and visible ones.
     pub regions: Vec<RegionErrors>,
 }
 
@@ -51,7 +52,7 @@ pub struct SceneErrors {
     /// Over the pixels of all views.
     pub total: Vec<RegionErrors>,
     /// How often pixels of each confidence are right, that is, have an error of at most
-    /// [`RIGHT_WITHIN`](vamvs_eval::reliability::RIGHT_WITHIN). Without pixels if there are no confidences.
+    /// [`RIGHT_WITHIN`](vamvs_eval::reliability::RIGHT_WITHIN). Empty if there are no confidences.
     pub reliability: Reliability,
 }
 
@@ -80,13 +81,13 @@ struct View {
 pub struct ComparedMap {
     /// The depth map.
     pub map: DepthMap,
-    /// The ground truth under its pixels' centres; 0 where there is none.
+    /// The ground truth at the centres of its pixels; 0 where there is none.
     pub ground_truth: Grid<f32>,
-    /// For each pixel whether all source views see its surface; `None` without visibility.
+    /// For each pixel, whether all source views see its surface; `None` if visibility is not known.
     pub visible: Option<Grid<Option<bool>>>,
 }
 
-/// Thresholds that tell something of most scenes; errors in plane distances if those are known.
+/// Thresholds that suit most scenes; those in plane distances only if the distances are known.
 #[must_use]
 pub fn default_thresholds(planes_known: bool) -> Vec<Threshold> {
     let planes = if planes_known { &PLANES[..] } else { &[] };
@@ -98,11 +99,12 @@ pub fn default_thresholds(planes_known: bool) -> Vec<Threshold> {
 }
 
 impl DepthScene {
-    /// The depth maps in `prediction` and the true ones in `ground_truth`, folders in any layout of [`Maps`], of the
-    /// views of the same names.
+    /// Pairs the depth maps in `prediction` with the true ones in `ground_truth` by the views'
+    /// names. Both folders may have any layout of [`Maps`].
     ///
-    /// What a plane distance is comes from the records of `vamvs depth`, unless `plane_distance` tells it, in
-    /// scene units. Source views are those of the records, else of the ground truth's `pair.txt`, else all others.
+    /// The plane distance is `plane_distance` in scene units if given, else that in the records of
+    /// `vamvs depth`. Source views are those of the records, else of the ground truth's `pair.txt`,
+    /// else all others.
     ///
     /// # Errors
     /// If a folder has no depth maps, or they have no view in common.
@@ -134,7 +136,7 @@ impl DepthScene {
         Ok(scene)
     }
 
-    /// Warns of views that are left out; none at all is an error.
+    /// Warns of views that have no counterpart; an error if no view has one.
     fn check(&self, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
         let (both, predicted, ground_truth) =
             (self.views.len(), self.prediction.len(), self.ground_truth.len());
@@ -149,7 +151,7 @@ impl DepthScene {
         }
         if both < predicted.max(ground_truth) {
             let text = format!(
-                "{both} views are compared: {} of {predicted} have no true depth, {} of {ground_truth} no depth map",
+                "{both} views are compared; {} of {predicted} views have no ground truth, {} of {ground_truth} no depth map",
                 predicted - both,
                 ground_truth - both
             );
@@ -158,7 +160,7 @@ impl DepthScene {
         Ok(())
     }
 
-    /// The depth maps that are judged.
+    /// The depth maps that are compared.
     #[must_use]
     pub fn prediction(&self) -> &Maps {
         &self.prediction
@@ -176,7 +178,7 @@ impl DepthScene {
         self.views.len()
     }
 
-    /// Never: a scene without views is not opened.
+    /// Always false: [`DepthScene::open`] refuses a scene without views.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.views.is_empty()
@@ -193,7 +195,7 @@ impl DepthScene {
         self.prediction.photograph(self.views[view].predicted, size)
     }
 
-    /// Whether it is known of all views what a plane distance is.
+    /// Whether the plane distances of all views are known.
     #[must_use]
     pub fn knows_planes(&self) -> bool {
         self.views.iter().all(|view| view.plane.is_some())
@@ -240,10 +242,10 @@ impl DepthScene {
         Ok((samples, reliability))
     }
 
-    /// Reads a view's depth map and what the ground truth is under its pixels.
+    /// Reads a view's depth map and samples the ground truth at its pixels.
     ///
     /// # Errors
-    /// If a file cannot be read, or the two are of cameras in other places.
+    /// If a file cannot be read, or the two maps are of cameras with different poses.
     pub fn compared(&self, view: usize) -> Result<ComparedMap, VamvsError> {
         let View { predicted, true_map, .. } = self.views[view];
         let (map, ground_truth) =
@@ -286,11 +288,12 @@ impl DepthScene {
     }
 }
 
-/// Depth maps of single files, by their extensions; `png_step` is the depth of one step of a PNG.
+/// Compares two depth map files, whose formats follow from their extensions; `png_step` is the
+/// depth of one grey level of a PNG.
 ///
 /// # Errors
-/// If a file cannot be read, the maps are of different shapes, or thresholds ask for plane distances and
-/// `plane_distance` does not tell them.
+/// If a file cannot be read, the maps are of different shapes, or thresholds in plane distances are
+/// given without `plane_distance`.
 pub fn compare_files(
     [prediction, ground_truth]: [&Path; 2],
     png_step: f64,
@@ -316,8 +319,8 @@ pub fn compare_files(
     Ok(SceneErrors { views, total, reliability: Reliability::default() })
 }
 
-/// Scenes by name, each with its folder of depth maps and that of the ground truth: the two folders themselves, or
-/// their folders of the same names that hold depth maps.
+/// Scenes by name, each with its folder of depth maps and that of the ground truth: the two given
+/// folders, or their subfolders of the same names.
 ///
 /// # Errors
 /// If there are none.
@@ -333,7 +336,7 @@ pub fn scenes(prediction: &Path, ground_truth: &Path) -> Result<Vec<(String, [Pa
     scenes.sort();
     if scenes.is_empty() {
         let problem = format!(
-            "expected depth maps as `vamvs depth` writes them, or folders with such, of the same names as those in {}",
+            "expected depth maps as `vamvs depth` writes them, or folders of such depth maps with the same names as those in {}",
             ground_truth.display()
         );
         return Err(VamvsError::Folder { path: prediction.to_owned(), problem });
@@ -363,7 +366,7 @@ fn refuse_planes(thresholds: &[Threshold], view: &str) -> Result<(), VamvsError>
         return Ok(());
     }
     Err(VamvsError::Request(format!(
-        "errors in plane distances are asked for, but what one is is not known of view {view}: expected `planes` in depths/{view}.json, as `vamvs depth` writes it; or give it in scene units with --plane-distance"
+        "the plane distance of view {view} is not known: expected `planes` in depths/{view}.json, as `vamvs depth` writes it, or --plane-distance in scene units"
     )))
 }
 
@@ -378,7 +381,7 @@ fn sources(ground_truth: &Maps, view: usize, recorded: Vec<usize>) -> Vec<usize>
     }
 }
 
-/// Whether all see a surface; `None` if there is none.
+/// Whether all views see the surface; `None` if there is none.
 fn seen_by_all(tiles: impl Iterator<Item = Visibility>) -> Option<bool> {
     let mut all = true;
     for visibility in tiles {
@@ -391,7 +394,7 @@ fn seen_by_all(tiles: impl Iterator<Item = Visibility>) -> Option<bool> {
     Some(all)
 }
 
-/// The median of the depths of a map; 0 of none.
+/// The median of the depths of a map; 0 if there are none.
 pub(super) fn median_depth(depth: &Grid<f32>) -> f64 {
     let mut depths: Vec<f32> = depth.data().iter().copied().filter(|depth| *depth > 0.0).collect();
     let middle = depths.len() / 2;

@@ -1,4 +1,4 @@
-//! Results against ground truth: depth maps, clouds, and whole scenes with a page that shows them.
+//! Comparison with ground truth: depth maps, clouds, and whole scenes with a page that shows them.
 
 pub mod cloud;
 pub mod depth;

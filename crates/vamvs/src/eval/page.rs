@@ -1,5 +1,5 @@
-//! The page of a scene against its ground truth: numbers, error maps, and the cloud's accuracy and completeness as
-//! pictures.
+//! The page of a scene and its ground truth: numbers, error maps, and pictures of the accuracy and
+//! completeness of the cloud.
 
 use nalgebra::Vector3;
 use vamvs_core::{Cloud, CloudPoint, Size};
@@ -16,13 +16,13 @@ use super::depth::{ComparedMap, RegionErrors};
 use super::scene::{ComparedCloud, SceneEvaluation};
 use crate::VamvsError;
 
-/// Views that are shown, at even distances.
+/// Number of views that are shown, evenly spaced.
 const SHOWN: usize = 4;
 
-/// Width of one of the pictures of a view.
+/// Width of each picture of a view, pixels.
 const PANEL_WIDTH: usize = 360;
 
-/// The relative depth error with the last colour.
+/// The relative depth error at the end of the colour scale.
 const ERROR_END: f32 = 0.02;
 
 /// Size of the pictures of the cloud.
@@ -51,7 +51,7 @@ impl SceneEvaluation {
         let all = &self.scores.depth.total[0].errors;
         let mut figures = vec![
             (percent(all.relative.median), "median depth error"),
-            (percent(all.coverage), "of true pixels have depth"),
+            (percent(all.coverage), "of pixels with ground truth have a depth"),
         ];
         let best = self.scores.cloud.as_ref().and_then(|cloud| cloud.agreement.last());
         if let Some(agreement) = best {
@@ -110,7 +110,7 @@ impl SceneEvaluation {
         ];
         page.table(&["distance", "points", "mean", "median"], &rows);
         page.paragraph(
-            "The true surface is what at least two of the true depth maps show, in points at least half of the last \
+            "The true surface is what at least two of the true depth maps show, as points at least half of the last \
              threshold apart. Distances are in scene units.",
         );
     }
@@ -129,7 +129,7 @@ impl SceneEvaluation {
         let views = &self.scores.depth.views;
         rows.extend(views.iter().map(|view| row(&view.view, &view.regions[0])));
         page.table(&head, &rows);
-        page.paragraph("Errors and shares are over the pixels that have a true depth and a depth.");
+        page.paragraph("Errors and shares count the pixels that have both a depth and a true depth.");
     }
 
     fn confidence(&self, page: &mut Page) {
@@ -140,12 +140,12 @@ impl SceneEvaluation {
         let curve = |name: &str, points| Curve { name: name.to_owned(), points };
         page.heading("Confidence");
         page.chart(&Chart {
-            title: "Share of pixels that are right, by their confidence, and what a least confidence keeps",
+            title: "Share of right pixels by confidence, and what a threshold on the confidence keeps",
             across: ("confidence", 1.0),
             top: 1.0,
             curves: vec![
                 curve("right", reliability.curve()),
-                curve("should be", vec![[0.0; 2], [1.0; 2]]),
+                curve("ideal", vec![[0.0; 2], [1.0; 2]]),
                 curve("right of kept", points(&|kept| kept.right)),
                 curve("kept", points(&|kept| kept.share)),
             ],
@@ -198,7 +198,7 @@ impl SceneEvaluation {
         Ok(())
     }
 
-    /// Up in the world, as the cameras hold their pictures.
+    /// Up in the world: the mean up direction of the cameras.
     fn up(&self) -> Vector3<f64> {
         let maps = self.maps.prediction();
         let ups = (0..maps.len()).map(|view| -maps.pose(view).rotation.row(1).transpose());
@@ -246,12 +246,12 @@ fn legend(what: &'static str, scale: Scale, low: &str, high: &str) -> Legend {
     Legend { what, scale, low: low.to_owned(), high: high.to_owned() }
 }
 
-/// A point of which nothing but the place is known.
+/// A point with nothing but its position.
 fn bare(x_in_world: &[f64; 3]) -> CloudPoint {
     CloudPoint { x_in_world: *x_in_world, normal: [0.0; 3], colour: [0; 3], confidence: 1.0, views: 0 }
 }
 
-/// Points in the colours of their distances.
+/// Points coloured by their distances.
 fn coloured(cloud: &[CloudPoint], distances: &[f64], end: f64) -> Cloud {
     let colour = |distance: f64| Scale::Error.at((distance / end) as f32);
     cloud

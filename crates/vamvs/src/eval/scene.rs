@@ -1,4 +1,4 @@
-//! Everything of a scene against its true depth maps: depth, and the cloud against the true surface.
+//! Compares the depth maps and the cloud of a scene with its true depth maps.
 
 use std::path::Path;
 
@@ -12,10 +12,10 @@ use vamvs_io::ply;
 use super::depth::{DepthScene, SceneErrors, median_depth};
 use crate::VamvsError;
 
-/// How near to the ground truth a point should be by default, as shares of the scene's median depth.
+/// Default distance thresholds for the cloud, as shares of the scene's median depth.
 const SHARES: [f64; 2] = [0.005, 0.01];
 
-/// A scene's measures.
+/// The scores of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SceneScores {
     /// Of the depth maps.
@@ -29,7 +29,7 @@ pub struct SceneScores {
 pub struct SceneEvaluation {
     /// The depth maps.
     pub maps: DepthScene,
-    /// What all comes to.
+    /// The scores.
     pub scores: SceneScores,
     /// The cloud, if there is one.
     pub cloud: Option<ComparedCloud>,
@@ -44,7 +44,7 @@ pub struct ComparedCloud {
     pub ground_truth: Vec<[f64; 3]>,
     /// The distances between them.
     pub distances: CloudDistances,
-    /// Distances that are too large, scene units: the last one is the most that is near.
+    /// Distance thresholds of precision and recall, ascending, scene units.
     pub thresholds: Vec<f64>,
 }
 
@@ -89,7 +89,7 @@ fn default_thresholds(ground_truth: &[DepthMap]) -> Vec<f64> {
     SHARES.map(|share| share * medians[medians.len() / 2]).to_vec()
 }
 
-/// Points of the surface, no two of them within `spacing`.
+/// Points of the surface seen by at least two maps, no two of them within `spacing`.
 fn surface(maps: &[DepthMap], spacing: f64) -> Result<Vec<[f64; 3]>, VamvsError> {
     let maps: Vec<TrueMap> = maps
         .iter()

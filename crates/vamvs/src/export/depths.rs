@@ -32,7 +32,8 @@ impl DepthFolder {
         !self.formats.is_empty()
     }
 
-    /// The step of PNGs, which is also written to `png-step.txt`; 1 if there are none.
+    /// The depth of one grey level of PNGs, also written to `png-step.txt`; 1 if no PNGs are
+    /// wanted.
     pub fn png_step(&self, maps: &Maps) -> Result<f64, VamvsError> {
         if !self.formats.contains(&DepthFormat::Png) {
             return Ok(1.0);
@@ -45,7 +46,7 @@ impl DepthFolder {
         Ok(step)
     }
 
-    /// Writes a view's depths, all but the masked ones; a file that the depth map comes from is left as it is.
+    /// Writes a view's unmasked depths; never overwrites the file that the depth map was read from.
     pub fn write_view(&self, view: &ExportedView, source: &Path, png_step: f64) -> Result<(), VamvsError> {
         for format in &self.formats {
             let extension = match format {

@@ -13,7 +13,7 @@ use crate::{OutputFolder, VamvsError};
 /// A folder of depth maps, with its root.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Layout {
-    /// As we write them.
+    /// As vamvs writes them.
     Vamvs(OutputFolder),
     /// A dense workspace of COLMAP.
     Colmap(PathBuf),
@@ -22,9 +22,9 @@ pub(super) enum Layout {
 }
 
 impl Layout {
-    /// The layout of which `path` is the root or the folder of depth maps.
+    /// The layout at `path`, which is its root or its folder of depth maps.
     pub(super) fn of(path: &Path) -> Result<Self, VamvsError> {
-        // What other programs made may hold our export, `depths/`, too.
+        // Folders of other programs may hold our export `depths/` too, so it is looked for last.
         if let Some(root) = root_of(path, "stereo/depth_maps").or_else(|| root_of(path, "stereo")) {
             Ok(Self::Colmap(root))
         } else if let Some(root) = root_of(path, "depth_est") {
@@ -37,7 +37,7 @@ impl Layout {
         }
     }
 
-    /// The folder if it is one of ours.
+    /// The output folder, if vamvs wrote it.
     pub(super) fn own(&self) -> Option<&OutputFolder> {
         match self {
             Self::Vamvs(folder) => Some(folder),
@@ -61,7 +61,7 @@ impl Layout {
         })
     }
 
-    /// Cameras, photographs and what is known of which views see the same.
+    /// Cameras, photographs and, if known, which views see the same surfaces.
     pub(super) fn read_scene(&self) -> Result<Loaded, VamvsError> {
         let (root, images) = (self.root(), self.root().join("images"));
         Ok(match self {
@@ -90,7 +90,7 @@ impl Layout {
         views.iter().zip(names(views)).map(files).collect()
     }
 
-    /// Where a view's depth, confidence and coarse confidence are if it has them.
+    /// The paths of a view's depth, confidence and coarse confidence, which need not exist.
     fn maps(&self, view: &View, name: &str) -> (PathBuf, Option<PathBuf>, Option<PathBuf>) {
         match self {
             Self::Vamvs(folder) => {
@@ -109,7 +109,7 @@ impl Layout {
     }
 }
 
-/// The folder of which `depths` is a folder, if `path` is one of the two.
+/// The folder that has the subfolder `depths`, if `path` is one of the two.
 fn root_of(path: &Path, depths: &str) -> Option<PathBuf> {
     if path.join(depths).is_dir() {
         return Some(path.to_owned());

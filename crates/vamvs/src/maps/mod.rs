@@ -25,7 +25,7 @@ use layout::Layout;
 #[derive(Debug)]
 pub struct Maps {
     root: PathBuf,
-    /// The folder if it is one of ours.
+    /// The output folder, if vamvs wrote it.
     own: Option<OutputFolder>,
     scene: Scene,
     cameras: Vec<Pinhole>,
@@ -46,7 +46,7 @@ struct MapFiles {
 }
 
 impl Maps {
-    /// The depth maps that `path` is the folder of, in any of three layouts:
+    /// Opens the depth maps in a folder with one of three layouts:
     ///
     /// - as `vamvs depth` writes them, `depths/`, `cams/`, `images/`, `confidence/`, and perhaps `normals/`, unit
     ///   normals in the world's frame;
@@ -54,8 +54,8 @@ impl Maps {
     ///   photometric ones where there are no others;
     /// - as networks like MVSNet write them, `depth_est/`, `cams/`, `images/`, and perhaps `confidence/`.
     ///
-    /// `path` is the folder that holds all these, or that of the depth maps. Where there is no confidence,
-    /// every depth has confidence 1. `masks` are of the folder's own, undistorted images.
+    /// `path` is this folder, or its folder of depth maps. Without confidence maps every depth has
+    /// confidence 1. `masks` are those of the folder's own, undistorted images.
     ///
     /// # Errors
     /// If the folder is none of these, a file is missing or malformed, images are distorted, or there are
@@ -84,8 +84,8 @@ impl Maps {
         })
     }
 
-    /// The same depth maps without those that cannot be read or do not fit together, of which a warning tells.
-    /// It reads all of them.
+    /// Reads all depth maps, and leaves out with a warning those that cannot be read or whose files
+    /// differ in size.
     ///
     /// # Errors
     /// If fewer than two remain.
@@ -111,7 +111,7 @@ impl Maps {
         &self.left_out
     }
 
-    /// Whether there are depth maps in one of the layouts.
+    /// Whether `path` holds depth maps in one of the layouts.
     #[must_use]
     pub fn are_at(path: &Path) -> bool {
         Layout::of(path).is_ok()
@@ -129,7 +129,7 @@ impl Maps {
         self.root.join(if self.own.is_some() { "fused.ply" } else { "vamvs.ply" })
     }
 
-    /// The views with their cameras, and what the folder tells of which see the same.
+    /// The views with their cameras, and the pairs and sparse points that the folder has.
     #[must_use]
     pub fn scene(&self) -> &Scene {
         &self.scene
@@ -147,7 +147,7 @@ impl Maps {
         &self.cameras[view]
     }
 
-    /// What made a view's depth map, if the folder is one of ours and tells.
+    /// The record of a view's depth map, if vamvs wrote one.
     #[must_use]
     pub fn record(&self, view: usize) -> Option<Record> {
         self.own.as_ref()?.saved(&self.names[view])
@@ -159,14 +159,14 @@ impl Maps {
         &self.scene.views[view].cam_from_world
     }
 
-    /// For each view, its source views as the folder's files tell them, best first; `None` if they do not.
+    /// For each view, its source views in the folder's files, best first; `None` if there are none.
     #[must_use]
     pub fn pairs(&self) -> Option<&[Vec<Source>]> {
         self.scene.pairs.as_deref()
     }
 
-    /// For each view, the others that see the same surfaces, best first, at most `count` or, where there are
-    /// several maps of a photograph (`--fovea`), those of as many photographs.
+    /// For each view, others that see the same surfaces, best first: at most `count` or, with
+    /// several maps of a photograph (`--fovea`), about the maps of `count` photographs.
     #[must_use]
     pub fn neighbours(&self, count: usize) -> Vec<Vec<usize>> {
         let all: Vec<usize> = (0..self.len()).collect();
@@ -175,7 +175,7 @@ impl Maps {
         view_selection::select(&self.scene, &self.cameras, count * maps).into_iter().map(views).collect()
     }
 
-    /// From how many places these views look: maps of one photograph (`--fovea`) look from one.
+    /// The number of camera centres of these views: maps of one photograph (`--fovea`) share one.
     pub(crate) fn places(&self, views: &[usize]) -> usize {
         let bits = |&view: &usize| -> [u64; 3] {
             let centre: [f64; 3] = self.pose(view).centre().into();
@@ -190,7 +190,8 @@ impl Maps {
         &self.files[view].depth
     }
 
-    /// Doubles where the cameras stand far from the origin compared with their distances.
+    /// The precision of coordinates in PLY files: double if the cameras stand far from the origin
+    /// compared with their distances.
     #[must_use]
     pub fn coordinates(&self) -> Coordinates {
         let at_camera = |view: &vamvs_core::View| CloudPoint {
@@ -281,7 +282,7 @@ fn pinhole(camera: &Camera, path: &Path) -> Result<Pinhole, VamvsError> {
     }
 }
 
-/// The part of a scene that only these views make up.
+/// The scene with only these views.
 fn only(scene: &Scene, kept: &[usize]) -> Scene {
     let place = |view: &usize| kept.binary_search(view).ok();
     let source = |&Source { view, score }: &Source| Some(Source { view: place(&view)?, score });

@@ -1,4 +1,4 @@
-//! What a run keeps for the views to come.
+//! A cache of photographs.
 
 use std::collections::{HashMap, VecDeque};
 use std::rc::Rc;
@@ -10,7 +10,7 @@ use crate::VamvsError;
 /// Memory for photographs, bytes.
 const CAPACITY: usize = 512 << 20;
 
-/// Photographs that were read last, as many as fit, but at least `fewest`.
+/// The photographs that were read last: as many as fit, but at least `fewest`.
 #[derive(Default)]
 pub(crate) struct PhotoCache {
     photos: HashMap<usize, Rc<Photo>>,

@@ -1,4 +1,4 @@
-//! One view after the other.
+//! Refines the views of a folder one after the other.
 
 use std::collections::{HashMap, HashSet};
 use std::rc::Rc;
@@ -16,7 +16,7 @@ use crate::event::{OnEvent, tell};
 use crate::photographs::hash_file;
 use crate::{Event, OutputFolder, Pass, VamvsError, geometric};
 
-/// Changes whenever the same inputs give other depth maps.
+/// Increased whenever a change gives other depth maps for the same inputs.
 const VERSION: u32 = 5;
 
 /// What became of a view.
@@ -32,9 +32,9 @@ pub(super) struct Run<'a> {
     /// For each depth map, those of its source views, best first.
     sources: Vec<Vec<usize>>,
     photos: PhotoCache,
-    /// Where depth maps without geometric pass are until all are done.
+    /// The folder of photometric depth maps, until all views are done.
     first: OutputFolder,
-    /// Depth maps that are known to be there.
+    /// Depth maps that are known to be in `first`.
     has_first: HashSet<usize>,
     hashes: HashMap<usize, blake3::Hash>,
     summary: RefineSummary,
@@ -88,7 +88,8 @@ impl<'a> Run<'a> {
         self.finish(&names)
     }
 
-    /// Refines one view unless that is done. The outer error is one of writing.
+    /// Refines one view unless that is done. The outer error means that a file could not be
+    /// written.
     fn view(&mut self, map: usize) -> Result<Result<Outcome, VamvsError>, VamvsError> {
         let record = match self.record(map, self.job.geometric) {
             Ok(record) => record,
@@ -118,7 +119,7 @@ impl<'a> Run<'a> {
         !self.job.force && is_there && folder.is_readable(name)
     }
 
-    /// Saves a refined depth map. The outer error is one of writing.
+    /// Saves a refined depth map. The outer error means that a file could not be written.
     fn save(
         &mut self,
         folder: &OutputFolder,
@@ -142,7 +143,7 @@ impl<'a> Run<'a> {
     /// A depth map refined by the photographs and then with the depth maps of the source views.
     fn refined_again(&mut self, map: usize) -> Result<Refined, VamvsError> {
         self.ensure_first(map)?;
-        // A source view that cannot be refined has no part; that is told where its own turn comes.
+        // A source view without photograph is skipped; the warning comes with its own turn.
         let names = self.job.maps.names();
         let mut sources = Vec::new();
         for source in self.sources[map].clone() {
@@ -159,7 +160,7 @@ impl<'a> Run<'a> {
         Ok(refined)
     }
 
-    /// Sees to it that the depth map of the photographs alone is in its folder.
+    /// Makes the photometric depth map of a view unless it exists.
     fn ensure_first(&mut self, map: usize) -> Result<(), VamvsError> {
         if self.has_first.contains(&map) {
             return Ok(());
@@ -253,7 +254,7 @@ impl<'a> Run<'a> {
         self.job.output.discard(name)
     }
 
-    /// Writes `pair.txt`. That nothing could be refined is an error.
+    /// Writes `pair.txt` and `left-out.json`; an error if nothing could be refined.
     fn finish(self, names: &[&str]) -> Result<RefineSummary, VamvsError> {
         let skipped = &self.summary.skipped;
         let there: Vec<usize> = (0..names.len())
@@ -275,7 +276,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The range of a map's depths.
+/// The range of a map's depths, widened by 1 %.
 fn range(map: &DepthMap) -> Result<DepthRange, VamvsError> {
     let valid = map.depth.data().iter().copied().filter(|&depth| is_valid(depth));
     let (near, far) = valid.fold((f32::MAX, 0.0_f32), |(near, far), depth| (near.min(depth), far.max(depth)));

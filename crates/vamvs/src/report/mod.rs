@@ -1,7 +1,7 @@
-//! `report.html`: a run on one page, made of nothing but what is in its output folder.
+//! `report.html`: a run on one page, made from its output folder alone.
 //!
-//! The page holds the cloud to be turned and walked through, and for each view its photograph, depth,
-//! confidence and what became of its pixels. It is the same for the same folder: no dates, no times.
+//! The page shows the cloud in 3-D and, for each view, its photograph, depth, confidence and what
+//! became of its pixels. The same folder gives the same page, so it holds no dates or times.
 
 mod record;
 mod view;
@@ -23,7 +23,7 @@ use view::ViewPanel;
 const COLOURS: [&str; 7] =
     ["--lost-0", "--lost-1", "--lost-2", "--lost-3", "--lost-4", "--merged", "--points"];
 
-/// Makes the page of depth maps, `report.html` in their folder; gives its path.
+/// Writes the page of depth maps, `report.html` in their folder; returns its path.
 ///
 /// # Errors
 /// If a file is missing or malformed, or the page cannot be written.
@@ -39,7 +39,7 @@ struct Report<'a> {
     fusion: Option<FusionRecord>,
     /// `run.toml`, if there is one.
     settings: Option<String>,
-    /// Views that have no depth map, none that can be read, or no points.
+    /// Views that have no readable depth map, or no points.
     left_out: Vec<LeftOut>,
 }
 
@@ -170,13 +170,13 @@ impl<'a> Report<'a> {
             Some(text) => {
                 page.details("The run that made the depth maps: run.toml", |page| page.verbatim(text));
             }
-            None => page.paragraph("There is no run.toml that tells how the depth maps were made."),
+            None => page.paragraph("There is no run.toml with the settings of the depth maps."),
         }
     }
 }
 
-/// The views that the run that made the depth maps left out, those whose depth maps cannot be read, and those
-/// that fusion left out, each once for a reason.
+/// The views that were left out, each once per reason: by the run that made the depth maps, because
+/// their files cannot be read, or by fusion.
 fn left_out(maps: &Maps, fusion: Option<&FusionRecord>) -> Result<Vec<LeftOut>, VamvsError> {
     let mut all = OutputFolder::new(maps.root()).left_out()?;
     let later = maps.left_out().iter().chain(fusion.map_or(&[][..], |fusion| &fusion.left_out));

@@ -1,4 +1,4 @@
-//! What a fusion did, kept in the output folder: `fusion.json`.
+//! The record of a fusion in the output folder: `fusion.json`.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ pub struct FusionRecord {
     pub options: FusionOptions,
     /// What became of the pixels of each view.
     pub views: Vec<FusedView>,
-    /// The views that can have no point.
+    /// The views that were left out.
     #[serde(default)]
     pub left_out: Vec<LeftOut>,
 }
@@ -32,8 +32,8 @@ pub struct FusedView {
 }
 
 impl FusionRecord {
-    /// The record of a fusion into `cloud`; `None` if that is not in the folder of the depth maps, which then
-    /// goes on to tell of its own cloud.
+    /// The record of a fusion into `cloud`; `None` if that is not in the folder of the depth maps,
+    /// whose record then stays as it is.
     #[must_use]
     pub fn of(maps: &Maps, cloud: &Path, options: &FusionOptions, fused: &FuseSummary) -> Option<Self> {
         let folder = cloud.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -58,7 +58,7 @@ impl FusionRecord {
     /// Reads it from a folder; `None` if nothing was fused there.
     ///
     /// # Errors
-    /// If the file cannot be read, or is none of ours.
+    /// If the file cannot be read or is malformed.
     pub fn load(folder: &Path) -> Result<Option<Self>, VamvsError> {
         let path = OutputFolder::new(folder).fusion();
         if path.is_file() { read_json(&path).map(Some) } else { Ok(None) }

@@ -66,7 +66,7 @@ impl ViewPanel {
         });
     }
 
-    /// What was chosen for the view, as far as its record tells.
+    /// What was chosen for the view, from its record.
     fn made(&self) -> String {
         let mut made = vec![format!("{} pixels", self.size)];
         if let Some(Record { planes, sources, .. }) = &self.record {
@@ -88,7 +88,7 @@ fn planes_in_words(planes: &Planes) -> String {
     format!("{} planes from {near} to {far}, equal steps of {spacing}", planes.count)
 }
 
-/// A small picture; one that is small already stays as it is.
+/// A picture of at most [`WIDTH`] pixels; smaller ones keep their size.
 fn small(pixels: &Grid<Rgb>) -> Picture {
     if pixels.width() <= WIDTH {
         return Picture::small(pixels);

@@ -1,0 +1,229 @@
+//! `vamvs tasks`: a reconstruction as a graph of commands.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+use vamvs::core::Part;
+use vamvs::depth::{DepthJob, DepthStep, record_file};
+use vamvs::{MemoryLimit, OutputFolder, PartialFusion, Prepared};
+
+use super::depth;
+use crate::arguments::TasksArguments;
+use crate::progress::Progress;
+use crate::settings::Settings;
+
+/// A command that does a part of a reconstruction.
+#[derive(Serialize)]
+struct Task {
+    id: String,
+    argv: Vec<String>,
+    /// Files that it reads, those of the tasks it depends on included.
+    inputs: Vec<PathBuf>,
+    /// Files that are there when it is done, and not before.
+    outputs: Vec<PathBuf>,
+    /// The ids of tasks that must be done before.
+    dependencies: Vec<String>,
+    cores: usize,
+    /// Bytes.
+    memory: u64,
+    /// Whether it runs on a GPU.
+    gpu: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &TasksArguments) -> Result<()> {
+    let reconstruct = &arguments.reconstruct;
+    let mut settings = depth::settings(&reconstruct.depth)?;
+    settings.apply_fusion(&reconstruct.fusion);
+    settings.apply_export(&reconstruct.export);
+    settings.fusion.filter.validate()?;
+    // Machines have different memory, and depth maps must not depend on which one made them.
+    let memory = MemoryLimit::Bytes(settings.depth.max_memory.bytes());
+    (settings.depth.max_memory, settings.fusion.max_memory) = (memory, memory);
+    let progress = Progress::of(&reconstruct.depth.common);
+    let out = std::path::absolute(reconstruct.depth.out()).context("--out")?;
+    let output = OutputFolder::new(&out);
+    let work = depth::prepared(&settings, &output, &progress)?;
+    let job = DepthJob { work: &work, output: &output, force: false };
+    depth::begin(&job, &settings)?;
+    progress.finish();
+    let parts = work.scene.views.len().div_ceil(arguments.batch.get());
+    let graph = Graph {
+        work: &work,
+        output: &output,
+        out: &out,
+        settings: &settings,
+        report: !reconstruct.no_report,
+        parts,
+    };
+    let mut stdout = std::io::stdout().lock();
+    for task in graph.tasks()? {
+        writeln!(stdout, "{}", serde_json::to_string(&task)?).context("cannot print the tasks")?;
+    }
+    Ok(())
+}
+
+/// What the tasks are made of.
+struct Graph<'a> {
+    work: &'a Prepared,
+    output: &'a OutputFolder,
+    out: &'a Path,
+    settings: &'a Settings,
+    report: bool,
+    parts: usize,
+}
+
+impl Graph<'_> {
+    /// All tasks, each after those it depends on.
+    fn tasks(&self) -> Result<Vec<Task>> {
+        let views: Vec<BTreeSet<usize>> =
+            Part::all(self.parts).map(|part| self.work.views_of(part)).collect::<Result<_, _>>()?;
+        let part_of: BTreeMap<usize, usize> = views
+            .iter()
+            .enumerate()
+            .flat_map(|(part, views)| views.iter().map(move |&view| (view, part)))
+            .collect();
+        let mut tasks = Vec::new();
+        for (part, own) in Part::all(self.parts).zip(&views) {
+            tasks.push(self.photometric(part, own));
+        }
+        if self.work.steps().contains(&DepthStep::Geometric) {
+            for (part, own) in Part::all(self.parts).zip(&views) {
+                let needed = self.with_sources(own).iter().map(|view| part_of[view]).collect();
+                tasks.push(self.geometric(part, &needed));
+            }
+        }
+        tasks.push(self.collect());
+        tasks.extend(Part::all(self.parts).map(|part| self.confirm(part)));
+        tasks.extend(Part::all(self.parts).map(|part| self.merge(part)));
+        tasks.push(self.concatenate());
+        Ok(tasks)
+    }
+
+    fn photometric(&self, part: Part, own: &BTreeSet<usize>) -> Task {
+        let photograph = |view: &usize| {
+            self.work.photographs.folder().map(|folder| folder.join(&self.work.scene.views[*view].name))
+        };
+        let inputs = self.with_sources(own).iter().filter_map(photograph).collect();
+        let gpu = self.work.estimator.network().device().is_cuda();
+        Task { inputs, gpu, ..self.depth_step(DepthStep::Photometric, part) }
+    }
+
+    fn geometric(&self, part: Part, needed: &BTreeSet<usize>) -> Task {
+        let needed = || Part::all(self.parts).enumerate().filter(|(index, _)| needed.contains(index));
+        Task {
+            inputs: needed()
+                .map(|(_, part)| record_file(self.output, DepthStep::Photometric, part))
+                .collect(),
+            dependencies: needed().map(|(_, part)| depth_id(DepthStep::Photometric, part)).collect(),
+            ..self.depth_step(DepthStep::Geometric, part)
+        }
+    }
+
+    fn depth_step(&self, step: DepthStep, part: Part) -> Task {
+        let flags = ["--step".to_owned(), step.to_string(), "--part".to_owned(), part.to_string()];
+        Task {
+            outputs: vec![record_file(self.output, step, part)],
+            ..self.task(depth_id(step, part), self.depth_command(flags))
+        }
+    }
+
+    fn collect(&self) -> Task {
+        let last = self.work.steps().last().copied().unwrap_or(DepthStep::Photometric);
+        let flags = ["--step".to_owned(), "collect".to_owned(), "--parts".to_owned(), self.parts.to_string()];
+        Task {
+            inputs: Part::all(self.parts).map(|part| record_file(self.output, last, part)).collect(),
+            outputs: vec![self.output.pairs()],
+            dependencies: Part::all(self.parts).map(|part| depth_id(last, part)).collect(),
+            ..self.task("collect".to_owned(), self.depth_command(flags))
+        }
+    }
+
+    fn confirm(&self, part: Part) -> Task {
+        let flags = ["--step".to_owned(), "confirm".to_owned(), "--part".to_owned(), part.to_string()];
+        Task {
+            inputs: vec![self.output.pairs()],
+            outputs: vec![PartialFusion::confirmed_file(self.out, part)],
+            dependencies: vec!["collect".to_owned()],
+            ..self.task(fusion_id("confirm", part), self.fuse_command(flags))
+        }
+    }
+
+    fn merge(&self, part: Part) -> Task {
+        let flags = ["--step".to_owned(), "merge".to_owned(), "--part".to_owned(), part.to_string()];
+        Task {
+            inputs: Part::all(self.parts).map(|part| PartialFusion::confirmed_file(self.out, part)).collect(),
+            outputs: vec![PartialFusion::merged_file(self.out, part)],
+            dependencies: Part::all(self.parts).map(|part| fusion_id("confirm", part)).collect(),
+            ..self.task(fusion_id("merge", part), self.fuse_command(flags))
+        }
+    }
+
+    fn concatenate(&self) -> Task {
+        let flags =
+            ["--step".to_owned(), "concatenate".to_owned(), "--parts".to_owned(), self.parts.to_string()];
+        let mut argv = self.fuse_command(flags);
+        argv.extend((!self.report).then(|| "--no-report".to_owned()));
+        Task {
+            inputs: Part::all(self.parts).map(|part| PartialFusion::merged_file(self.out, part)).collect(),
+            outputs: vec![self.output.cloud()],
+            dependencies: Part::all(self.parts).map(|part| fusion_id("merge", part)).collect(),
+            ..self.task("concatenate".to_owned(), argv)
+        }
+    }
+
+    /// A task that depends on nothing.
+    fn task(&self, id: String, argv: Vec<String>) -> Task {
+        let all = std::thread::available_parallelism().map_or(1, usize::from);
+        Task {
+            id,
+            argv,
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+            dependencies: Vec::new(),
+            cores: self.settings.threads.unwrap_or(all),
+            memory: self.settings.depth.max_memory.bytes(),
+            gpu: false,
+        }
+    }
+
+    fn depth_command(&self, flags: [String; 4]) -> Vec<String> {
+        self.command(["vamvs", "depth"].map(str::to_owned).to_vec(), flags)
+    }
+
+    fn fuse_command(&self, flags: [String; 4]) -> Vec<String> {
+        self.command(vec!["vamvs".to_owned(), "fuse".to_owned(), spelled(self.out)], flags)
+    }
+
+    fn command(&self, start: Vec<String>, flags: [String; 4]) -> Vec<String> {
+        let config = ["--quiet".to_owned(), "--config".to_owned(), spelled(&self.out.join("run.toml"))];
+        start.into_iter().chain(config).chain(flags).collect()
+    }
+
+    /// The views and their source views.
+    fn with_sources(&self, views: &BTreeSet<usize>) -> BTreeSet<usize> {
+        let plans = |view: &usize| self.work.plan.views[*view].as_ref().ok();
+        let sources = views.iter().filter_map(plans).flat_map(|plan| plan.sources.iter().copied());
+        sources.chain(views.iter().copied()).collect()
+    }
+}
+
+fn depth_id(step: DepthStep, part: Part) -> String {
+    format!("{step}-{}", numbered(part))
+}
+
+fn fusion_id(step: &str, part: Part) -> String {
+    format!("{step}-{}", numbered(part))
+}
+
+/// A part as it is spelled where `/` cannot be.
+fn numbered(part: Part) -> String {
+    part.to_string().replace('/', "-of-")
+}
+
+fn spelled(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
