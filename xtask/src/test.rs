@@ -6,9 +6,10 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::step::{run, target};
-use crate::{book, cargo, python, setup};
+use crate::{book, cargo, python, setup, workflow};
 
-/// Check everything: formatting, lints, tests, documentation, the book, the Python package, the build without libtorch.
+/// Check everything: formatting, lints, tests, documentation, the book, the Python package, Snakemake, the build without
+/// libtorch.
 ///
 /// Sets up libtorch first, if need be.
 #[derive(Args)]
@@ -23,7 +24,9 @@ impl Test {
         run("test", &mut cargo(&["test", "--workspace"]))?;
         run("document", cargo(&["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))?;
         python::test()?;
-        book::build(&target()?.join("debug").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX)))?;
+        let vamvs = target()?.join("debug").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX));
+        workflow::test(&vamvs)?;
+        book::build(&vamvs)?;
         test_without_libtorch()?;
         println!("all is well, after {:.0} s", start.elapsed().as_secs_f64());
         Ok(())
