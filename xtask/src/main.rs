@@ -11,11 +11,13 @@ mod files;
 mod fuzz;
 mod libtorch;
 mod pip;
+mod publish;
 mod python;
 mod setup;
 mod step;
 mod test;
 mod unpack;
+mod workflow;
 
 use std::ffi::OsString;
 use std::process::{self, ExitCode};
@@ -35,9 +37,11 @@ enum Command {
     Test(test::Test),
     Dist(dist::Dist),
     Wheel(python::Wheel),
+    PublishCheck(publish::PublishCheck),
     Book(book::Book),
     Bench(bench::Bench),
     Fuzz(fuzz::Fuzz),
+    Cluster(workflow::Cluster),
     /// Render a PLY cloud to a PNG, seen from where most of its surface is visible.
     Picture(Check),
     /// Reconstruct real photographs and show what comes out.
@@ -58,9 +62,11 @@ fn main() -> ExitCode {
         Command::Test(test) => test.run(),
         Command::Dist(dist) => dist.run(),
         Command::Wheel(wheel) => wheel.run(),
+        Command::PublishCheck(check) => check.run(),
         Command::Book(book) => book.run(),
         Command::Bench(bench) => bench.run(),
         Command::Fuzz(fuzz) => fuzz.run(),
+        Command::Cluster(cluster) => cluster.run(),
         Command::Demo(check) => check.run("demo"),
         Command::Picture(check) => check.run("picture"),
         Command::Real(check) => check.run("real"),

@@ -1,0 +1,158 @@
+//! `cargo xtask publish-check`: what others need of the crates, beside that they work here. Nothing is published.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+
+use crate::files::{create_folder, write};
+use crate::step::{root, run, target};
+use crate::{cargo, setup};
+
+/// The crates that programs embed: their public API is listed in docs/api.
+const EMBEDDED: [&str; 6] = ["vamvs", "vamvs-core", "vamvs-eval", "vamvs-fusion", "vamvs-io", "vamvs-refine"];
+
+/// Members of the workspace that are not published.
+const OWN: [&str; 4] = ["vamvs-checks", "vamvs-python", "vamvs-tests", "xtask"];
+
+/// Platforms that the build without libtorch is type-checked for.
+const PLATFORMS: [&str; 3] = ["aarch64-unknown-linux-gnu", "aarch64-apple-darwin", "x86_64-pc-windows-msvc"];
+
+/// Check what others need of the crates: packages, the lowest Rust version, other platforms, documentation without
+/// libtorch, the list of the public API, and a program outside of the workspace.
+///
+/// Needs what the tests do not: rustup with the toolchain of `rust-version`, nightly and the platforms, and
+/// cargo-public-api.
+#[derive(Args)]
+pub struct PublishCheck {
+    /// Write docs/api anew instead of comparing with it.
+    #[arg(long)]
+    update_api: bool,
+}
+
+impl PublishCheck {
+    pub fn run(&self) -> Result<()> {
+        setup::ensure_any()?;
+        package()?;
+        lowest_rust()?;
+        platforms()?;
+        documentation_without_libtorch()?;
+        outside(&[], "with the network")?;
+        outside(&["--no-default-features"], "without the network")?;
+        self.public_api()
+    }
+
+    /// Lists the public API of the embedded crates, and compares it with docs/api.
+    fn public_api(&self) -> Result<()> {
+        for name in EMBEDDED {
+            println!("── public API of {name}");
+            let manifest = format!("crates/{name}/Cargo.toml");
+            let mut list = cargo(&["public-api", "-sss", "--color", "never", "--manifest-path", &manifest]);
+            let listed = list.output().context("cargo public-api")?;
+            let problem = String::from_utf8_lossy(&listed.stderr);
+            ensure!(
+                listed.status.success(),
+                "{problem}\nit needs `cargo install cargo-public-api` and a nightly toolchain"
+            );
+            self.keep_or_compare(
+                &root().join(format!("docs/api/{name}.txt")),
+                &String::from_utf8(listed.stdout)?,
+            )?;
+        }
+        Ok(())
+    }
+
+    fn keep_or_compare(&self, file: &Path, listed: &str) -> Result<()> {
+        if self.update_api {
+            return write(file, listed);
+        }
+        let kept = fs::read_to_string(file).with_context(|| file.display().to_string())?;
+        let new = |a: &str, b: &str| -> Vec<String> {
+            a.lines().filter(|line| !b.lines().any(|other| other == *line)).map(str::to_owned).collect()
+        };
+        let (added, gone) = (new(listed, &kept), new(&kept, listed));
+        ensure!(
+            added.is_empty() && gone.is_empty(),
+            "the public API is not that of {}; if that is meant, --update-api writes it anew, and CHANGELOG.md tells \
+             it\n+ {}\n- {}",
+            file.display(),
+            added.join("\n+ "),
+            gone.join("\n- ")
+        );
+        Ok(())
+    }
+}
+
+/// Packs all crates that would be published and builds each from its package.
+fn package() -> Result<()> {
+    let mut package = cargo(&["package", "--workspace", "--allow-dirty"]);
+    OWN.iter().for_each(|own| {
+        package.args(["--exclude", own]);
+    });
+    run("package", &mut package)
+}
+
+/// Type-checks with the lowest Rust version that Cargo.toml states.
+fn lowest_rust() -> Result<()> {
+    let manifest = fs::read_to_string(root().join("Cargo.toml")).context("Cargo.toml")?;
+    let stated = manifest.lines().find_map(|line| line.strip_prefix("rust-version = \"")?.strip_suffix('"'));
+    let version = stated.context("Cargo.toml states no rust-version")?;
+    let mut check = rustup(version);
+    check.args(["check", "--workspace", "--all-targets", "--target-dir", "target/lowest-rust"]);
+    run(&format!("check with Rust {version}"), &mut check)
+}
+
+/// Type-checks the command without the network for other platforms.
+fn platforms() -> Result<()> {
+    for platform in PLATFORMS {
+        let arguments = ["check", "-p", "vamvs-cli", "--no-default-features", "--target", platform];
+        run(&format!("check for {platform}"), &mut cargo(&arguments))?;
+    }
+    Ok(())
+}
+
+fn documentation_without_libtorch() -> Result<()> {
+    let arguments =
+        ["doc", "-p", "vamvs", "--no-deps", "--features", "doc-only", "--target-dir", "target/doc-only"];
+    let mut doc = cargo(&arguments);
+    doc.env("LIBTORCH", "no-libtorch-here").env("RUSTDOCFLAGS", "-D warnings");
+    run("document without libtorch", &mut doc)
+}
+
+/// Builds and runs the program outside of the workspace, which must print its one line and nothing else.
+fn outside(arguments: &[&str], kind: &str) -> Result<()> {
+    let folder = root().join("checks/outside");
+    let target = target()?.join("outside");
+    create_folder(&target)?;
+    let mut build = cargo(&["build", "--release"]);
+    run(
+        &format!("build a program outside of the workspace, {kind}"),
+        build.args(arguments).current_dir(&folder).env("CARGO_TARGET_DIR", &target),
+    )?;
+    let mut program = Command::new(target.join(format!("release/outside{}", std::env::consts::EXE_SUFFIX)));
+    let done =
+        program.env("LD_LIBRARY_PATH", setup::used_folder().join("lib")).output().context("outside")?;
+    let (said, warned) = (String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr));
+    ensure!(done.status.success(), "the program failed: {warned}");
+    ensure!(
+        warned.is_empty() && said.lines().count() == 1,
+        "expected one line, found {said:?} and {warned:?}"
+    );
+    let error = said.split_whitespace().rev().nth(1).and_then(|error| error.parse::<f64>().ok());
+    let Some(error) = error else { bail!("expected the median error, found {said:?}") };
+    ensure!(error < 0.02, "expected a median error below 0.02 m, found {said:?}");
+    print!("{said}");
+    Ok(())
+}
+
+fn rustup(version: &str) -> Command {
+    let mut command = Command::new("rustup");
+    command.args(["run", version, "cargo"]).current_dir(root());
+    // A toolchain's cargo that starts this program names itself in these.
+    ["CARGO", "RUSTC", "RUSTDOC", "RUSTUP_TOOLCHAIN"].iter().for_each(|name| {
+        command.env_remove(name);
+    });
+    command
+}
