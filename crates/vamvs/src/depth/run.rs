@@ -148,7 +148,7 @@ impl<'a> Run<'a> {
             Err(VamvsError::Cancelled) => return Err(VamvsError::Cancelled),
             Err(error) => return Ok(Outcome::LeftOut(error.in_full())),
         };
-        let record = self.record(view, &made.plan, made.network_size);
+        let record = self.record(view, plan, &made.plan.sources, made.network_size);
         if self.is_there(view, &record) {
             return Ok(Outcome::Resumed);
         }
@@ -176,16 +176,19 @@ impl<'a> Run<'a> {
 
     /// The record of a depth map made with all source views not known to be unusable.
     pub fn planned_record(&self, view: usize, plan: &ViewPlan) -> Record {
-        self.record(view, &self.maker.usable(plan), self.maker.features.photographs.max_size())
+        let used = self.maker.usable(plan).sources;
+        self.record(view, plan, &used, self.maker.features.photographs.max_size())
     }
 
-    fn record(&self, view: usize, plan: &ViewPlan, network_size: usize) -> Record {
+    /// The record of a depth map that is made with the source views `used`. Its hash is that of all planned ones: which of
+    /// them can be used follows from their photographs.
+    fn record(&self, view: usize, plan: &ViewPlan, used: &[usize], network_size: usize) -> Record {
         let photographs = self.work.photographs.reduced_to(network_size);
         let refined = self.maker.refinement.as_ref().map(Refinement::options);
         Record {
             made_of: self.identity.of(view, plan, &photographs, refined),
             planes: Some(plan.planes),
-            sources: plan.sources.iter().map(|&source| self.names[source].clone()).collect(),
+            sources: used.iter().map(|&source| self.names[source].clone()).collect(),
         }
     }
 

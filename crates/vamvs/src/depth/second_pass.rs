@@ -16,11 +16,7 @@ impl Run<'_> {
         for &view in views {
             let plan = &self.work.plan.views[view];
             let (Ok(plan), Some(saved)) = (plan, self.output.saved(&self.names[view])) else { continue };
-            let planned = |view: usize| {
-                let plan = self.work.plan.views[view].as_ref().ok();
-                plan.map(|plan| self.planned_record(view, plan).made_of)
-            };
-            let is_same = saved.made_of == made_again_of(view, plan, planned);
+            let is_same = saved.made_of == made_again_of(view, plan, |view| self.planned_hash(view));
             if !self.force && is_same && self.output.is_readable(&self.names[view]) {
                 self.done.insert(view);
             }
@@ -35,6 +31,12 @@ impl Run<'_> {
             std::iter::once(view).chain(plan.map_or(Vec::new(), |plan| plan.sources.clone()))
         };
         missing.flat_map(with_sources).collect()
+    }
+
+    /// The hash of what a view's depth map of the first pass is planned to be made of.
+    fn planned_hash(&self, view: usize) -> Option<String> {
+        let plan = self.work.plan.views[view].as_ref().ok();
+        plan.map(|plan| self.planned_record(view, plan).made_of)
     }
 
     /// Refines the first-pass maps of these views with those of their source views.
@@ -78,7 +80,9 @@ impl Run<'_> {
             Ok(made) => made,
             Err(error) => return Ok(Err(error)),
         };
-        let first = |view: usize| self.first.saved(&self.names[view]).map(|record| record.made_of);
+        // A view that was left out has no depth map of the first pass, and never has one with this photograph.
+        let saved = |view: usize| self.first.saved(&self.names[view]).map(|record| record.made_of);
+        let first = |view: usize| saved(view).or_else(|| self.planned_hash(view));
         let record = Record { made_of: made_again_of(view, plan, first), ..self.planned_record(view, plan) };
         let begin = Instant::now();
         let saved =
