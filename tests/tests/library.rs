@@ -94,6 +94,11 @@ fn depth_maps_and_cloud_in_memory_are_those_of_the_files() {
     // The file holds single precision.
     let place = |point: &vamvs::core::CloudPoint| point.x_in_world.map(|x| x as f32);
     assert!(cloud.iter().zip(&of_files).all(|(a, b)| place(a) == place(b) && a.colour == b.colour));
+    // A program's own map beside them has no neighbours: it has a part all the same.
+    let mut mixed = maps;
+    mixed[3] = ViewMap { view: 0, neighbours: Vec::new(), ..mixed[3].clone() };
+    let mixed = fuse_in_memory(&mixed, &fusion(), &mut ignore).unwrap();
+    assert!(mixed.len().abs_diff(cloud.len()) < cloud.len() / 20, "{} and {}", mixed.len(), cloud.len());
 }
 
 #[test]

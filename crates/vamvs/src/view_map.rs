@@ -14,7 +14,8 @@ use crate::{FusionOptions, VamvsError};
 /// A depth map with all that fusion needs of its view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewMap {
-    /// The name: that of the photograph without extension, and with `@8` or `@4` for a coarse map beside a fovea.
+    /// The name: that of the photograph without extension, with `@8` or `@4` added for the coarse
+    /// maps of a fovea.
     pub name: String,
     /// The view, an index into the scene's.
     pub view: usize,
@@ -24,8 +25,8 @@ pub struct ViewMap {
     pub normals: Option<Grid<[f32; 3]>>,
     /// The undistorted photograph at the depth map's size.
     pub colour: Grid<Rgb>,
-    /// Other views of the scene that may see the same surfaces, best first. If no map has any,
-    /// fusion chooses from the cameras.
+    /// Other views of the scene that may see the same surfaces, best first. If a map has
+    /// none, such as one of the program's own, fusion chooses those of all maps from the cameras.
     pub neighbours: Vec<Source>,
 }
 
@@ -70,7 +71,7 @@ impl MapSource for InMemory<'_> {
 
 /// For each map, the maps of at most `count` other views that see the same surfaces.
 fn neighbours(maps: &[&ViewMap], count: usize) -> Vec<Vec<usize>> {
-    if maps.iter().all(|map| map.neighbours.is_empty()) {
+    if maps.iter().any(|map| map.neighbours.is_empty()) {
         return by_cameras(maps, count);
     }
     let mut of_view: HashMap<usize, Vec<usize>> = HashMap::new();
