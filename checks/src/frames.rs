@@ -6,7 +6,7 @@
 //! it and are not aligned with the depth maps, whatever the names say. The camera here was found by
 //! carrying pixels from frame to frame by the sensor's depth and minimising the mean difference of their
 //! grey values over 66 pairs of frames: 7.6 of 255, where it is 10.8 with the depth camera's own
-//! intrinsics. Principal point and offset are not well told apart: they stand for the rotation too.
+//! intrinsics. Principal point and offset are not well distinguished: they stand for the rotation too.
 
 use std::fs;
 use std::path::Path;

@@ -16,7 +16,7 @@ use crate::step::target;
 
 /// A `vamvs reconstruct` that succeeded.
 pub struct Reconstruction {
-    /// What it told.
+    /// What it printed.
     pub summary: Summary,
     /// Wall-clock time.
     pub seconds: f64,

@@ -38,7 +38,7 @@ pub struct Run<'a> {
     pub scene: &'a DemoScene,
     /// Output folder of `vamvs`.
     pub result: &'a Path,
-    /// What `vamvs` told.
+    /// What `vamvs` printed.
     pub reconstruction: &'a Reconstruction,
     /// The comparison with the ground truth.
     pub verdict: &'a Verdict,

@@ -22,7 +22,7 @@ const LEAST_BUDGET: u64 = 768 << 20;
 const TERMINATED: i32 = 128 + 15;
 
 impl Round<'_> {
-    /// Disturbs the run, and tells what was wrong.
+    /// Disturbs the run, and says what was wrong.
     pub fn disturbed(mut self) -> Result<Vec<String>> {
         let mut random = self.case.random();
         match self.case.disturbance {

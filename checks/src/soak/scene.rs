@@ -11,7 +11,7 @@ use super::process::Program;
 
 /// A scene on disk.
 pub struct Scene {
-    /// How `vamvs reconstruct` is told of it.
+    /// The flags of `vamvs reconstruct` for it.
     pub arguments: Vec<String>,
     /// The photographs.
     pub photographs: Vec<PathBuf>,

@@ -113,7 +113,7 @@ impl Command {
     }
 }
 
-/// Of commands that keep what is done.
+/// For commands that keep finished work.
 const GOES_ON: &str = "stopped; what is finished is kept, the same command again goes on from there";
 
 #[cfg(feature = "net")]

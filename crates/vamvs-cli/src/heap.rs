@@ -1,15 +1,15 @@
 //! How the heap of glibc treats the large blocks of tensors.
 //!
-//! A network makes and drops tensors of many megabytes by the thousand. By default glibc asks the kernel for each of
-//! them, which clears all their pages, and gives them back: about a tenth of the time of a depth map. Elsewhere than with
-//! glibc nothing is changed.
+//! A network makes and drops tensors of many megabytes by the thousand. By default glibc maps and
+//! unmaps memory for each of them, and the kernel clears all pages each time: about a tenth of the
+//! time of a depth map. Without glibc nothing is changed.
 
-/// While this lives, freed blocks of any size stay with the process, for the next that want them; at its end what is
-/// free goes back to the system.
+/// While this exists, freed blocks of any size stay in the process for reuse. Dropping it returns
+/// free memory to the system.
 pub struct KeptBlocks(());
 
 impl KeptBlocks {
-    /// Keeps them from now on.
+    /// Keeps freed blocks from now on.
     pub fn begin() -> Self {
         set_thresholds(i32::MAX, i32::MAX);
         Self(())
@@ -24,7 +24,8 @@ impl Drop for KeptBlocks {
     }
 }
 
-/// Blocks from `mapped` bytes on have a mapping of their own, and more than `top` free bytes at the heap's end go back.
+/// Blocks of at least `mapped` bytes get a mapping of their own; more than `top` free bytes at the
+/// end of the heap are returned to the system.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 fn set_thresholds(mapped: i32, top: i32) {
     // SAFETY: mallopt takes any two numbers at any time; what it refuses it leaves as it was.

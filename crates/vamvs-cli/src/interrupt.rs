@@ -1,13 +1,13 @@
-//! Ctrl-C: nothing half-written stays behind, and what to do next is said.
+//! Ctrl-C: removes unfinished files and prints how to go on.
 
 use anyhow::Result;
 
-/// Exit code of a process that ended by a signal, less the signal's number.
+/// Exit code of a process that a signal ended, minus the number of the signal.
 #[cfg(unix)]
 const SIGNALLED: i32 = 128;
 
-/// From now on Ctrl-C, or a request to terminate, removes unfinished files, says `farewell` and ends the
-/// process; a second one ends it at once.
+/// From now on Ctrl-C, or a request to terminate, removes unfinished files, prints `farewell` and
+/// ends the process; a second one ends it at once.
 #[cfg(unix)]
 pub fn watch(farewell: &'static str) -> Result<()> {
     use std::sync::Arc;

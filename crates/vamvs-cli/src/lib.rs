@@ -14,8 +14,8 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
-/// Runs the command with these arguments, of which the first is the program's name. What is wrong with them, and `--help`,
-/// ends the process.
+/// Runs the command with these arguments, of which the first is the name of the program. Wrong
+/// arguments and `--help` end the process.
 pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let arguments = arguments::Arguments::parse_from(arguments);
     let run = || interrupt::watch(arguments.command.resumption()).and_then(|()| command::run(&arguments));

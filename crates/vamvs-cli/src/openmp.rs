@@ -1,10 +1,11 @@
 //! How libtorch's threads wait for each other.
 //!
-//! libgomp lets a thread that waits spin. Where another process has one of the cores, the others then spin for as long as
-//! the one without a core waits for it, and a depth map takes several times as long. Asleep they take nothing. libgomp reads
-//! its settings when it is loaded, before `main`, so the program starts itself once more with them.
+//! Waiting threads of libgomp spin. If another process occupies a core, all other threads spin
+//! until the thread without a core is done, and a depth map takes several times as long. Sleeping
+//! threads cost nothing. libgomp reads its settings when it is loaded, before `main`, so the
+//! program restarts itself with them.
 
-/// Makes waiting threads sleep, unless the environment says how they shall wait.
+/// Makes waiting threads sleep, unless the environment already sets how they wait.
 #[cfg(target_os = "linux")]
 pub fn wait_asleep() {
     use std::os::unix::process::CommandExt;
@@ -19,7 +20,7 @@ pub fn wait_asleep() {
     if let Some(name) = arguments.next() {
         again.arg0(name);
     }
-    // It returns only if it fails; then threads wait as libgomp wants.
+    // `exec` returns only if it fails; then the default of libgomp stays.
     let _ = again.args(arguments).env(SETTINGS[0], "passive").exec();
 }
 

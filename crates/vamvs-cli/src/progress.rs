@@ -1,4 +1,4 @@
-//! Events of the pipeline on the terminal: a bar there, plain lines elsewhere, all on standard error.
+//! Shows progress on standard error: a bar in a terminal, plain lines elsewhere.
 
 use std::cell::Cell;
 use std::io::IsTerminal;
@@ -14,14 +14,14 @@ use crate::arguments::CommonFlags;
 pub struct Progress {
     quiet: bool,
     verbose: bool,
-    /// Seconds that depth maps took, and how many did.
+    /// The total seconds of depth maps, and their number.
     made: Cell<(f64, usize)>,
     bar: ProgressBar,
     terminal: bool,
 }
 
 impl Progress {
-    /// `quiet` leaves nothing but warnings.
+    /// If `quiet`, only warnings are printed.
     pub fn new(quiet: bool) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let visible = terminal && !quiet;
@@ -35,14 +35,14 @@ impl Progress {
         Self { quiet, verbose: false, made: Cell::default(), bar, terminal }
     }
 
-    /// As quiet or talkative as the flags say.
+    /// As quiet or verbose as the flags say.
     pub fn of(flags: &CommonFlags) -> Self {
         let mut progress = Self::new(flags.quiet);
         progress.verbose = flags.verbose;
         progress
     }
 
-    /// A line about what was chosen, for those who want to know.
+    /// A line that is printed only if verbose.
     #[cfg(feature = "net")]
     pub fn explain(&self, line: &str) {
         if self.verbose {
@@ -57,7 +57,7 @@ impl Progress {
         }
     }
 
-    /// A line about what is done, where no bar tells it.
+    /// A line about what is done, printed only if there is no bar.
     pub fn say_without_bar(&self, line: &str) {
         if !self.terminal {
             self.say(line);
@@ -79,7 +79,7 @@ impl Progress {
                     Pass::Final => ("depth maps", "depth"),
                 };
                 self.step(bar, done, total);
-                let how = if resumed { "is there".to_owned() } else { self.paced(time, total - done) };
+                let how = if resumed { "already there".to_owned() } else { self.paced(time, total - done) };
                 let line = format!("{what} {done}/{total} {name}: {how}");
                 if self.verbose { self.say(&line) } else { self.say_without_bar(&line) }
             }
@@ -96,7 +96,7 @@ impl Progress {
         ControlFlow::Continue(())
     }
 
-    /// The time that a depth map took, and that the others will take if they are like those so far.
+    /// The time of a depth map, and an estimate for the remaining ones.
     fn paced(&self, time: Duration, others: usize) -> String {
         let (seconds, made) = self.made.get();
         let (seconds, made) = (seconds + time.as_secs_f64(), made + 1);

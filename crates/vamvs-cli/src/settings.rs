@@ -1,5 +1,5 @@
 //! All settings of a run: defaults, then the configuration file, then flags. The result is written
-//! beside the outputs, so that a run can be repeated.
+//! next to the outputs, so that a run can be repeated.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ use crate::arguments::{CommonFlags, ExportFlags, FusionFlags, Preset};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Settings {
-    /// The network's file; the built-in one if not given.
+    /// The network: the name of a built-in one or a file; vis-max if not given.
     pub weights: Option<PathBuf>,
     /// auto, cpu, cuda or cuda:N.
     pub device: Option<String>,
@@ -28,7 +28,7 @@ pub struct Settings {
     pub depth: DepthOptions,
     /// How depth maps become a cloud.
     pub fusion: FusionOptions,
-    /// What other programs get.
+    /// Exports for other programs.
     pub export: ExportOptions,
 }
 
@@ -80,7 +80,7 @@ impl Settings {
         Ok(settings)
     }
 
-    /// The same settings with paths that hold from any folder.
+    /// The same settings with absolute paths.
     #[cfg(feature = "net")]
     pub fn absolute(&self) -> Result<Self> {
         let mut settings = self.clone();
@@ -180,7 +180,8 @@ mod input {
     use vamvs::io::mvsnet;
 
     impl Settings {
-        /// Lets input flags win. Giving a scene drops the configuration's, with all that belongs to it.
+        /// Lets input flags win. A scene given by a flag replaces that of the configuration, with
+        /// all settings of its input.
         pub fn apply_input(&mut self, flags: &InputFlags) {
             let InputFlags { cams, colmap, nerfstudio, bundler, nvm, openmvs, .. } = flags;
             let input = &mut self.input;
@@ -202,13 +203,13 @@ mod input {
     }
 
     impl InputSettings {
-        /// The files of scenes that are given.
+        /// The paths of the scenes that are given.
         pub fn given(&self) -> impl Iterator<Item = &Path> {
             let Self { cams, colmap, nerfstudio, bundler, nvm, openmvs, .. } = self;
             [cams, colmap, nerfstudio, bundler, nvm, openmvs].into_iter().filter_map(|kind| kind.as_deref())
         }
 
-        /// The files of the kinds of scenes, of which one is expected.
+        /// The paths of all kinds of scenes; exactly one is expected to be given.
         pub fn kinds(&mut self) -> [&mut Option<PathBuf>; 6] {
             let Self { cams, colmap, nerfstudio, bundler, nvm, openmvs, .. } = self;
             [cams, colmap, nerfstudio, bundler, nvm, openmvs]
@@ -241,7 +242,7 @@ mod input {
             Ok(Input::Mvsnet { cams, images, pairs: self.pairs.clone(), options })
         }
 
-        /// The masks to use of a scene that brings `found`.
+        /// The masks to use for a scene with the masks `found`.
         pub fn masks(&self, found: &Masks) -> Result<Masks> {
             match &self.masks {
                 _ if self.no_masks => Ok(Masks::None),
@@ -295,7 +296,8 @@ mod depth {
             Ok(())
         }
 
-        /// What these settings make of a scene; `loaded.masks` are those that it brings.
+        /// The reconstruction of a scene with these settings; `loaded.masks` are those found with
+        /// it.
         pub fn reconstruction(&self, loaded: Loaded) -> Result<Reconstruction> {
             let masks = self.input.masks(&loaded.masks)?;
             let mut reconstruction = Reconstruction::new(loaded).masks(masks).depth(self.depth.clone());

@@ -1,4 +1,4 @@
-//! Where the time of a run went, as a short table.
+//! A short table of where the time of a run went.
 
 use std::time::{Duration, Instant};
 
@@ -50,7 +50,7 @@ impl Timing {
         self.add("cloud and exports", summary.exporting);
     }
 
-    /// Says the steps, and the time since the beginning.
+    /// Prints the steps, and the time since the beginning.
     pub fn say(mut self, progress: &Progress) {
         self.add("all", self.begin.elapsed());
         let width = self.steps.iter().map(|(step, _)| step.len()).max().unwrap_or(0);

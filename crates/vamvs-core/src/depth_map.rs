@@ -18,8 +18,7 @@ pub struct DepthMap {
 }
 
 impl DepthMap {
-    /// By what the size of a photograph with this camera was divided for the map. Its last pixels may have been lost
-    /// on the way, so that the sizes do not tell.
+    /// The ratio of the photograph's size to the map's, from the focal lengths: the sizes themselves are rounded.
     #[must_use]
     pub fn scale_in(&self, photograph: &Pinhole) -> usize {
         (photograph.intrinsics.fx / self.camera.intrinsics.fx).round() as usize

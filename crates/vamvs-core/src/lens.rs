@@ -56,7 +56,7 @@ impl Lens {
     }
 
     /// The largest squared radius of normalised points up to which the model is one-to-one, at most `limit`. It is found
-    /// by bisection; who distorts many points asks once and then calls [`Lens::distort_within`].
+    /// by bisection; to distort many points, call this once and then [`Lens::distort_within`].
     #[must_use]
     pub fn max_squared_radius(&self, limit: f64) -> f64 {
         if self.is_one_to_one_within(limit) {

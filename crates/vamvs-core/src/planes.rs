@@ -1,6 +1,6 @@
 //! The fronto-parallel planes of a sweep, and the coordinate along them.
 //!
-//! A surface's place along a viewing ray is told in *planes*: coordinate u = 0 is the nearest plane,
+//! A surface's place along a viewing ray is measured in *planes*: coordinate u = 0 is the nearest plane,
 //! `count − 1` the farthest, and one unit is one plane distance (the paper's d). Hypotheses, flow and
 //! losses live in this coordinate, so that they mean the same for every scene scale and for both
 //! spacings.

@@ -196,7 +196,8 @@ fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
     seen
 }
 
-/// The values of the four pixels of which each place is the upper left: the upper two, the lower two.
+/// The values of four pixels each, whose upper left one is at a place: the upper two, the lower
+/// two.
 #[inline(always)]
 fn gather(values: &[f32], width: usize, places: &Lanes<u32>) -> [Lanes<[f32; 2]>; 2] {
     let (mut upper, mut lower) = ([[0.0; 2]; LANES], [[0.0; 2]; LANES]);
@@ -329,7 +330,8 @@ mod tests {
         answers
     }
 
-    /// Whether a camera one unit beside agrees on a wall at depth 4 that it sees at 4 (1 + error).
+    /// Whether a camera one unit to the side agrees on a wall at depth 4 that it sees at 4 (1 +
+    /// error).
     fn agrees(error: f32, max_reprojection: f32, max_relative_depth: f32) -> bool {
         let options = FuseOptions { max_reprojection, max_relative_depth, ..FuseOptions::default() };
         answer(&wall(1.0, 4.0 * (1.0 + error), &options), 50.5, 0.25, &options).agreeing() != 0

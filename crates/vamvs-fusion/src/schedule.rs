@@ -45,8 +45,8 @@ impl Schedule {
         &self.order[part.range(self.order.len())]
     }
 
-    /// The views of a part of the second pass, in their order, which is the reverse of the first:
-    /// their files were read last.
+    /// The views of a part of the second pass, in their order: the reverse of the first pass,
+    /// because the files read last may still be cached.
     #[must_use]
     pub fn merged_in(&self, part: Part) -> Vec<usize> {
         let reversed: Vec<usize> = self.order.iter().rev().copied().collect();

@@ -30,10 +30,10 @@ pub struct FusionView {
 }
 
 impl MaskedMap {
-    /// Checks that all rasters have the depth map's size; the error calls it view number `view`.
+    /// Checks that all rasters have the depth map's size; `view` is the view's number in errors.
     ///
     /// # Errors
-    /// If one has not.
+    /// If a raster has another size.
     pub fn check(&self, view: usize) -> Result<(), FuseError> {
         let map = &self.map;
         let parts = [
@@ -47,10 +47,10 @@ impl MaskedMap {
 }
 
 impl FusionView {
-    /// Checks that all rasters have the depth map's size; the error calls it view number `view`.
+    /// Checks that all rasters have the depth map's size; `view` is the view's number in errors.
     ///
     /// # Errors
-    /// If one has not.
+    /// If a raster has another size.
     pub fn check(&self, view: usize) -> Result<(), FuseError> {
         let map = &self.map;
         let parts = [

@@ -21,7 +21,7 @@ impl Surface {
     /// The depths of a view that are confident and not masked, by the photometric thresholds of `options`.
     ///
     /// # Errors
-    /// If the view's rasters differ in size; the error calls it view 0.
+    /// If the view's rasters differ in size; the error says view 0.
     pub fn of(view: &FusionView, options: &FuseOptions) -> Result<Self, FuseError> {
         view.check(0)?;
         let filtered = FilteredView::new(0, masked(view), options)?;

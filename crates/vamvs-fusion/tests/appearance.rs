@@ -59,7 +59,7 @@ fn the_view_that_sees_a_point_best_gives_most_of_its_colour() {
     all.extend(views(tilted().0, 1, SIZE, 0.4 * DISTANCE));
     all[3].colour = Grid::filled(SIZE, [220, 100, 200]);
     let (cloud, _) = fuse(&all, &FuseOptions::default());
-    // At the border of the near view's image what is around is not known, so it counts little there.
+    // At the border of the near view the windows are incomplete, so it counts little there.
     let red = |least: u8| cloud.iter().filter(|point| point.colour[0] >= least).count();
     assert!(red(190) as f64 > 0.8 * SIZE.area() as f64, "{} of {}", red(190), SIZE.area());
     assert!(red(220) < red(190) / 2, "blended, but little: {} of {}", red(220), red(190));

@@ -260,7 +260,7 @@ const LONGEST_CHAIN: usize = 4;
 /// pixels of this view, and so on, without any that makes a point.
 fn left_to_nobody(pair: &[FusionView; 2], made: &[Grid<bool>; 2], view: usize) -> usize {
     let places = [0, 1].map(|view| lift_map(&pair[view].map).collect::<Vec<_>>());
-    // The pixels of the other view that show what pixels of this one show, single precision aside.
+    // The pixels of the other view that show the same places as these pixels, apart from rounding.
     let across = |view: usize, pixels: &[(usize, usize)]| -> Vec<(usize, usize)> {
         let places = pixels.iter().filter_map(|&(x, y)| places[view][y * SIZE.width + x]);
         places.flat_map(|place| pixels_of(&pair[1 - view], &place, 1e-3)).collect()

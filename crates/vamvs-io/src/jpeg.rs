@@ -1,8 +1,8 @@
 //! The marker structure of JPEG files: their size without decoding, and whether they are complete.
 //!
-//! The decoder paints what a truncated file lacks in grey without a word; a depth map computed from
-//! such an image would be wrong without a word, too. Damage within the pixels of a complete file cannot
-//! be told: the format has no checksum, and almost any bits decode to some picture.
+//! The decoder fills the missing part of a truncated file with grey and reports nothing; a depth map of
+//! such an image would be wrong. Damage within the pixels of a complete file cannot be detected: the format
+//! has no checksum, and almost any bits decode to some image.
 
 use std::io::{self, BufRead, Cursor, Read, Seek, SeekFrom};
 

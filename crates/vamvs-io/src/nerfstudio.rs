@@ -26,7 +26,7 @@ const MOST_POINTS: usize = 20_000;
 ///
 /// Photographs and masks are found relative to the file; with `images`, photographs are found there. The
 /// points of `ply_file_path` come without the views that saw them, and are taken as seen where they lie in the
-/// image and no other point stands before them
+/// image and no other point occludes them
 /// (within a cell of 1/64 of the image's longer side, nearer than nine tenths of their depth).
 ///
 /// # Errors

@@ -1,8 +1,8 @@
-//! Which views see the points of a cloud that does not say.
+//! Which views see the points of a cloud that has no tracks.
 //!
 //! In each view the image is divided into cells. A point is seen if it lies in the image and no point of its cell
-//! or of the eight around it stands before it. Points are sparse, so what is told is that something is hidden by
-//! what was triangulated before it, not by everything that is there.
+//! or of the eight around it occludes it. Points are sparse, so only occlusion by triangulated points is found, not by
+//! every surface.
 
 use nalgebra::Vector3;
 use vamvs_core::{Grid, Size, SparsePoint, View};
@@ -10,7 +10,7 @@ use vamvs_core::{Grid, Size, SparsePoint, View};
 /// Cells along the longer side of an image.
 const CELLS: f64 = 64.0;
 
-/// A point stands before another one if its depth is less than this share of the other's.
+/// A point occludes another one if its depth is less than this share of the other's.
 const BEFORE: f64 = 0.9;
 
 /// A point in a view: the cell that it lies in, and its depth z, scene units.

@@ -22,7 +22,7 @@ fn after_the_end_nothing_unfinished_is_there_and_nothing_is_begun_or_completed()
     let names =
         || -> Vec<_> { std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect() };
     assert_eq!(names(), ["whole"]);
-    // Threads that try wait, so nothing they do can be told; what they leave can.
+    // Threads that try to write wait for ever, so only the files can be checked.
     let (done, waited) = mpsc::channel();
     let (begun, late) = (done.clone(), path("late"));
     std::thread::spawn(move || begun.send(atomic::write(&late, |out| out.write_all(b"late")).is_ok()));

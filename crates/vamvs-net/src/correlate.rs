@@ -16,7 +16,7 @@ pub fn correlation(reference: &Tensor, source: &Tensor, group: usize) -> Result<
     product.f_mean_dim([1].as_slice(), false, Kind::Float)
 }
 
-/// What a view's visibility is told by: the largest and the mean correlation over all planes, (D, G, h, w) →
+/// The input of a view's visibility: the largest and the mean correlation over all planes, (D, G, h, w) →
 /// (1, 2 G, h, w). A view that sees a surface is like the reference at one plane and unlike it at the others.
 ///
 /// # Errors

@@ -8,7 +8,7 @@
 //! hypothesised points, and [`Estimator`] runs the whole,
 //! or with [`fovea`] most of it in a region only.
 //!
-//! Depth is told in plane coordinates (see [`vamvs_core::planes`]) throughout, and points are normalised
+//! Depth is in plane coordinates (see [`vamvs_core::planes`]) throughout, and points are normalised
 //! by the reference view's depth range, so nothing depends on the scene's scale or frame.
 
 pub mod aggregate;

@@ -118,7 +118,7 @@ impl Projection {
         let device = source.flow[0].device();
         let source_from_reference = source.cam_from_world.compose(&reference.cam_from_world.inverse());
         let transfer = PixelTransfer::new(&reference.camera, &source.camera, &source_from_reference);
-        // Depths are told in units of `near`, so that single precision serves any scale.
+        // Depths are in units of `near`, so that single precision serves any scale.
         let offset = (transfer.offset / near).map(|value| value as f32);
         Ok(Self {
             linear: pixel_grid.mapped(&transfer.linear, device)?,

@@ -132,7 +132,7 @@ impl Network {
         self.mode
     }
 
-    /// Gives the module another manifest, such as one that tells what it was trained on.
+    /// Gives the module another manifest, such as one that says what it was trained on.
     ///
     /// # Errors
     /// If the module has no method `set_manifest`.
@@ -177,7 +177,7 @@ impl Network {
         self.channel_counts
     }
 
-    /// Calls every method once on tiny inputs, so that a wrong module is told at once and not after an
+    /// Calls every method once on tiny inputs, so that a wrong module is refused at once and not after an
     /// hour. Tells how much they give.
     fn probe(&self) -> Result<ChannelCounts, NetError> {
         let image = Tensor::f_rand([1, 3, 8 * SIDE, 8 * SIDE], (Kind::Float, self.device))?;

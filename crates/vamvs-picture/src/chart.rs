@@ -17,7 +17,7 @@ pub struct Chart<'a> {
     pub title: &'a str,
     /// What is along the horizontal axis, and its end.
     pub across: (&'a str, f64),
-    /// The end of the vertical axis; what is above is cut.
+    /// The end of the vertical axis; larger values are drawn there.
     pub top: f64,
     /// The curves.
     pub curves: Vec<Curve>,
@@ -28,7 +28,7 @@ pub struct Chart<'a> {
 pub struct Curve {
     /// What it is.
     pub name: String,
-    /// Its points from left to right; none with a number that is not finite is drawn.
+    /// Its points from left to right; points with a number that is not finite are left out.
     pub points: Vec<[f64; 2]>,
 }
 

@@ -1,7 +1,7 @@
-// Points are round.
+// Draws points as discs.
 precision mediump float;
 
-uniform bool round;       // of points, not of lines
+uniform bool round;       // true for points, false for lines
 varying vec3 shade;
 
 void main() {

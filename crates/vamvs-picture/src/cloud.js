@@ -29,7 +29,7 @@
     ];
   }
 
-  // The eye: cam_from_world is turn, and `span` before it is `focus`.
+  // The eye: `turn` is the rotation of cam_from_world; `focus` lies `span` in front of the eye.
   let eye;
   const fallback = { centre: [0, 0, -2], rotation: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], tangents: [0.4, 0.3], depth: 2 };
   function lookFrom(camera) {
@@ -42,7 +42,7 @@
     eye = { ...eye, focus: [0, 0, 0], span: around / Math.min(...halves()) };
     draw();
   }
-  // Carries what is near in the given directions; never over the poles.
+  // Turns the cloud so that its near side moves right and down; stops at the poles.
   function turnBy(right, down) {
     const height = Math.asin(Math.max(-1, Math.min(1, -dot(eye.turn[2], data.up))));
     const wanted = Math.max(-1.5, Math.min(1.5, height + down));
@@ -60,7 +60,7 @@
     eye.span = Math.max(1e-3, Math.min(50, eye.span * factor));
     draw();
   }
-  // Half the picture's width and height at distance 1: all that the camera saw is in it.
+  // Half the picture's width and height at distance 1, so that it shows all that the camera saw.
   function halves() {
     const aspect = canvas.clientWidth / Math.max(1, canvas.clientHeight);
     const height = Math.max(eye.tangents[1], eye.tangents[0] / aspect);

@@ -1,14 +1,14 @@
 // Places a vertex in the picture and gives it its colour.
-attribute vec3 position;   // 0 to 1 within the box; of lines: where they are
+attribute vec3 position;   // points: 0 to 1 within the box; lines: their place
 attribute vec3 colour;
 attribute vec3 normal;     // world
 attribute vec2 quality;    // confidence 0 to 255, number of views
 
-uniform vec3 scale;        // position × scale + shift: sides of the box from its middle
+uniform vec3 scale;        // position × scale + shift is relative to the middle of the box
 uniform vec3 shift;
 uniform mat3 turn;         // R of cam_from_world
-uniform vec3 focus;        // what the eye turns about
-uniform float span;        // from the eye to there
+uniform vec3 focus;        // the point about which the eye turns
+uniform float span;        // distance from the eye to the focus
 uniform vec2 lens;         // 1 / half of the picture's width and height at distance 1
 uniform vec2 clip;         // nearest and farthest depth
 uniform float reach;       // diameter of a point, pixels at depth 1

@@ -1,4 +1,4 @@
-//! A cloud in a page, to be turned and walked through: own WebGL code, no library, no network.
+//! An interactive cloud in a page: own WebGL code, no library, no network.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -19,10 +19,10 @@ const STYLE: &str = include_str!("cloud.css");
 const VERTEX: &str = include_str!("cloud.vert");
 const FRAGMENT: &str = include_str!("cloud.frag");
 
-/// Colours of a scale that the page gets.
+/// Number of colours of a scale in the page.
 const STOPS: usize = 17;
 
-/// Points that are looked at to find out what a camera sees.
+/// Number of points that are sampled to find out what a camera sees.
 const SAMPLES: usize = 5000;
 
 /// A camera that took part.
@@ -41,26 +41,27 @@ pub struct ShownCamera {
 pub struct CloudView {
     pub(crate) packed: PackedCloud,
     pub(crate) cameras: Vec<ShownCamera>,
-    /// Up in the world, as the cameras are held.
+    /// Up in the world: the mean up direction of the cameras.
     pub(crate) up: Vector3<f64>,
     /// The camera from which the page looks first.
     pub(crate) start: usize,
 }
 
-/// What the script reads. Lengths are in sides of the cloud's box, places count from its middle.
+/// The data of the script. Lengths are in units of the longest side of the cloud's box, positions
+/// relative to its middle.
 #[derive(Serialize)]
 struct Data<'a> {
     points: String,
     count: usize,
     extent: [f64; 3],
-    /// How far a point reaches.
+    /// Typical radius of a point.
     radius: f64,
     most_views: u8,
     up: [f64; 3],
     start: usize,
-    /// Length of the pyramids that stand for cameras.
+    /// Height of the pyramids that stand for cameras.
     pyramid: f64,
-    /// Red, green and blue at even distances, 0 to 1.
+    /// The colours of the scale in even steps: red, green and blue, 0 to 1.
     ramp: Vec<[f32; 3]>,
     cameras: Vec<Camera<'a>>,
 }
@@ -73,12 +74,13 @@ struct Camera<'a> {
     rotation: [[f64; 3]; 3],
     /// Half the picture's width and height at distance 1.
     tangents: [f64; 2],
-    /// The middle one of the depths that it sees.
+    /// The median of the depths that it sees.
     depth: f64,
 }
 
 impl CloudView {
-    /// The view of a cloud of `total` points that these cameras saw, of which [`CloudView::taken_of`] are given.
+    /// The view of a cloud of `total` points that these cameras saw; `taken` are its points at the
+    /// indices [`CloudView::taken_of`].
     #[must_use]
     pub fn new(total: usize, taken: &[CloudPoint], cameras: Vec<ShownCamera>) -> Self {
         let packed = PackedCloud::new(total, taken);
@@ -90,7 +92,7 @@ impl CloudView {
         Self { packed, cameras, up, start }
     }
 
-    /// The places, ascending, of the points to take of a cloud of `total`: at most 300 000, evenly.
+    /// Ascending indices of the points to take from a cloud of `total`: at most 300 000, evenly.
     #[must_use]
     pub fn taken_of(total: usize) -> Vec<usize> {
         packed::taken_of(total)
@@ -182,7 +184,7 @@ fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|row| [0, 1, 2].map(|column| matrix[(row, column)]))
 }
 
-/// Pyramids reach half way to the next camera, but are neither tiny nor larger than a tenth of the cloud.
+/// Half the median distance to the nearest camera, but 1 to 10 % of the side of the cloud.
 fn pyramid(cameras: &[ShownCamera], side: f64) -> f64 {
     let centres: Vec<Vector3<f64>> = cameras.iter().map(|camera| camera.cam_from_world.centre()).collect();
     let nearest = |(index, centre): (usize, &Vector3<f64>)| {

@@ -8,7 +8,7 @@ const NOTHING: Rgb = [150, 150, 155];
 /// A scale from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scale {
-    /// Depth: blue, green, yellow, red, each step as visible as the next (Google's Turbo).
+    /// Depth: blue, green, yellow, red (Google's Turbo).
     Turbo,
     /// Errors: white is right, dark red is wrong.
     Error,
@@ -30,7 +30,7 @@ impl Scale {
         }
     }
 
-    /// The picture of values from `low` to `high`; `None` has no value.
+    /// The picture of values from `low` to `high`; `None` is grey.
     #[must_use]
     pub fn paint(self, values: &Grid<Option<f32>>, low: f32, high: f32) -> Grid<Rgb> {
         values.map(|value| value.map_or(NOTHING, |value| self.at((value - low) / (high - low))))

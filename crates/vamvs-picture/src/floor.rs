@@ -12,17 +12,17 @@ use crate::viewpoint::quantile;
 /// Width of the figure, and the most height, in its own units.
 const SIDE: f64 = 400.0;
 
-/// Free space around it.
+/// Margin around it.
 const MARGIN: f64 = 16.0;
 
 /// Length of a camera's triangle.
 const REACH: f64 = 16.0;
 
-/// Points that are drawn.
+/// Largest number of points that are drawn.
 const DOTS: usize = 4000;
 
-/// The figure: points as dots, cameras as triangles that open in the direction of their view. The camera from
-/// which the page looks first looks upwards.
+/// The figure: points as dots, cameras as triangles that open in their viewing direction. The
+/// direction of the camera from which the page looks first points upwards.
 pub(crate) fn floor_plan(view: &CloudView) -> String {
     let axes = Axes::of(view);
     let points = &view.packed.points;
@@ -93,7 +93,7 @@ impl Axes {
     }
 }
 
-/// The sheet of paper: y down.
+/// The coordinates of the figure: y down.
 struct Sheet {
     low: Vector2<f64>,
     scale: f64,

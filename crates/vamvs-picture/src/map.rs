@@ -3,13 +3,13 @@
 use vamvs_core::Grid;
 use vamvs_core::depth_map::is_valid;
 
-/// The depths that there are.
+/// The valid depths.
 #[must_use]
 pub fn valid(depth: &Grid<f32>) -> Grid<Option<f32>> {
     depth.map(|&depth| is_valid(depth).then_some(depth))
 }
 
-/// |depth − true| / true where there are both, row after row.
+/// |depth − true| / true where both are valid.
 #[must_use]
 pub fn relative_errors(depth: &Grid<f32>, ground_truth: &Grid<f32>) -> Grid<Option<f32>> {
     let mut ground_truth = ground_truth.data().iter();
@@ -19,7 +19,7 @@ pub fn relative_errors(depth: &Grid<f32>, ground_truth: &Grid<f32>) -> Grid<Opti
     })
 }
 
-/// The values between which all but one percent at either side are, `(low, high)`.
+/// The 1st and 99th percentile of the values, `(low, high)`.
 #[must_use]
 pub fn spread(values: &Grid<Option<f32>>) -> (f32, f32) {
     let mut values: Vec<f32> = values.data().iter().copied().flatten().collect();

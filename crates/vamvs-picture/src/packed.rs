@@ -6,7 +6,7 @@ use vamvs_core::CloudPoint;
 
 use crate::viewpoint::quantile;
 
-/// Points that are packed at most.
+/// Largest number of points that are packed.
 const MOST: usize = 300_000;
 
 /// The share of points at either end of each axis that may be outliers.
@@ -18,10 +18,11 @@ const STEPS: f64 = 65_535.0;
 /// Bytes of a point.
 pub(crate) const POINT_BYTES: usize = 14;
 
-/// A part of a cloud, evenly taken, in 14 bytes a point.
+/// An even sample of a cloud, in 14 bytes a point.
 ///
-/// A point is its place in the box in 65535 steps a side (three `u16`, low byte first), red, green, blue, its
-/// normal times 127 (three `i8`), its confidence times 255, and its number of views.
+/// A point is its position in the box in 65535 steps a side (three `u16`, low byte first), red,
+/// green, blue, its normal times 127 (three `i8`), its confidence times 255, and its number of
+/// views.
 #[derive(Clone, Debug)]
 pub struct PackedCloud {
     /// The corner of the box with the smallest coordinates, world.
@@ -30,17 +31,17 @@ pub struct PackedCloud {
     pub extent: [f64; 3],
     /// The points, one after the other.
     pub bytes: Vec<u8>,
-    /// The points that are packed, as they were.
+    /// The packed points before packing.
     pub points: Vec<CloudPoint>,
-    /// Points of the whole cloud.
+    /// Number of points of the whole cloud.
     pub total: usize,
     /// Share of the points that lie too far outside to be shown.
     pub outside: f64,
 }
 
 impl PackedCloud {
-    /// Packs the points that are `taken` of a cloud of `total`, those left out that lie farther outside of the box
-    /// around all but the outermost percent than the box is large.
+    /// Packs points `taken` from a cloud of `total`. Outliers are left out: points farther from the
+    /// box around all but the outermost percent than its longest side.
     #[must_use]
     pub fn new(total: usize, taken: &[CloudPoint]) -> Self {
         let ranges = ranges(taken);
@@ -59,14 +60,14 @@ impl PackedCloud {
     }
 }
 
-/// The places, ascending, of the points to take of a cloud of `total`: at most 300 000, evenly.
+/// Ascending indices of the points to take from a cloud of `total`: at most 300 000, evenly.
 #[must_use]
 pub fn taken_of(total: usize) -> Vec<usize> {
     evenly(total, MOST).collect()
 }
 
-/// At most `most` indices below `count`, one from each of as many equal parts, at a place in it that looks
-/// random: every n-th pixel of an image would leave stripes.
+/// At most `most` indices below `count`, one from each of as many equal parts, at a pseudorandom
+/// place in it: taking every n-th pixel of an image would leave stripes.
 fn evenly(count: usize, most: usize) -> impl Iterator<Item = usize> {
     let kept = count.min(most);
     (0..kept).map(move |part| {
@@ -76,7 +77,7 @@ fn evenly(count: usize, most: usize) -> impl Iterator<Item = usize> {
     })
 }
 
-/// A number that looks random (the finaliser of SplitMix64).
+/// A pseudorandom number (the finaliser of SplitMix64).
 fn scattered(number: usize) -> usize {
     let mut z = (number as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -84,7 +85,8 @@ fn scattered(number: usize) -> usize {
     ((z ^ (z >> 31)) >> 8) as usize
 }
 
-/// Where points count: between the quantiles, and as far beyond as the largest distance between them.
+/// The ranges of points that are not outliers: between the quantiles of each axis, and beyond them
+/// by the largest distance between two quantiles.
 fn ranges(points: &[CloudPoint]) -> [Range<f64>; 3] {
     let inner = [0, 1, 2].map(|axis| {
         let mut values: Vec<f64> = points.iter().map(|point| point.x_in_world[axis]).collect();

@@ -14,7 +14,7 @@ use crate::number::percent;
 use crate::template::{escaped, fill};
 use crate::{Chart, Scale};
 
-/// How it all looks.
+/// The style sheet.
 const STYLE: &str = include_str!("page.css");
 
 /// What stands around a page's body.
@@ -23,7 +23,7 @@ const FRAME: &str = include_str!("page.html");
 /// Quality of JPEGs, of 100.
 const JPEG_QUALITY: u8 = 82;
 
-/// A page in the making.
+/// A page that is being built.
 #[derive(Clone, Debug)]
 pub struct Page {
     title: String,
@@ -37,7 +37,7 @@ pub struct Picture {
     bytes: Vec<u8>,
 }
 
-/// A part of a whole, with its place among the colours of bars.
+/// A part of a whole, with its colour in bars.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Share {
     /// What it is.
@@ -51,13 +51,13 @@ pub struct Share {
 /// A colour scale explained.
 #[derive(Clone, Debug)]
 pub struct Legend {
-    /// What the colours tell.
+    /// What the colours mean.
     pub what: &'static str,
     /// The scale.
     pub scale: Scale,
-    /// What its left end is.
+    /// The label of its left end.
     pub low: String,
-    /// What its right end is.
+    /// The label of its right end.
     pub high: String,
 }
 
@@ -80,7 +80,7 @@ impl Page {
         self.add(format_args!("<p>{}</p>", escaped(text)));
     }
 
-    /// The few numbers that matter most, each with a word about it.
+    /// The most important numbers, each with its label.
     pub fn figures(&mut self, figures: &[(String, &str)]) {
         let cards = figures.iter().map(|(number, what)| {
             format!("<div><b>{}</b><span>{}</span></div>", escaped(number), escaped(what))
@@ -100,7 +100,7 @@ impl Page {
         self.add(format_args!("<div class=\"scroll\" tabindex=\"0\"><table>{head}{rows}</table></div>"));
     }
 
-    /// What the colours of the pictures tell.
+    /// The legends of the pictures.
     pub fn legends(&mut self, legends: &[Legend]) {
         let items = legends.iter().map(Legend::html).collect::<String>();
         self.add(format_args!("<div class=\"legends\">{items}</div>"));
@@ -152,14 +152,14 @@ impl Page {
         self.body.push_str("</section>\n");
     }
 
-    /// What `fill` adds, hidden until it is asked for.
+    /// What `fill` adds, collapsed until it is opened.
     pub fn details(&mut self, summary: &str, fill: impl FnOnce(&mut Self)) {
         self.add(format_args!("<details><summary>{}</summary>", escaped(summary)));
         fill(self);
         self.body.push_str("</details>\n");
     }
 
-    /// Pictures in one row, each with its caption; `of` says of what, to those who cannot see them.
+    /// Pictures in one row, each with its caption; `of` begins their alternative texts.
     pub fn trio(&mut self, of: &str, pictures: &[(&Picture, &str)]) {
         self.body.push_str("<div class=\"trio\">");
         for (picture, caption) in pictures {
@@ -184,7 +184,7 @@ impl Page {
         self.add(format_args!("<div class=\"bar\" role=\"img\" aria-label=\"{words}\">{parts}</div>"));
     }
 
-    /// What the colours of bars tell, each with its share.
+    /// The legend of bars, each colour with its share.
     pub fn key(&mut self, shares: &[Share]) {
         let items = shares.iter().map(|Share { what, colour, share }| {
             let (what, share) = (escaped(what), percent(*share, 1));
@@ -193,7 +193,7 @@ impl Page {
         self.add(format_args!("<ul class=\"key\">{}</ul>", items.collect::<String>()));
     }
 
-    /// A cloud to be looked at from all sides.
+    /// An interactive view of a cloud.
     pub fn cloud(&mut self, view: &CloudView) {
         self.body.push_str(&view.html());
     }

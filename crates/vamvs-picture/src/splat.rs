@@ -1,5 +1,5 @@
-//! Pictures of clouds: every point a small disc at right angles to its normal, nearer discs before
-//! farther ones, overlapping ones of the same surface blended.
+//! Pictures of clouds: each point is a small disc perpendicular to its normal. Nearer discs hide
+//! farther ones; overlapping discs of the same surface are blended.
 
 use std::num::NonZero;
 
@@ -11,19 +11,19 @@ use vamvs_io::image;
 
 use crate::Viewpoint;
 
-/// What is where no point is.
+/// The background colour.
 const BACKGROUND: [f32; 3] = [222.0, 225.0, 229.0];
 
 /// The colour of clay in white light.
 const CLAY: [f32; 3] = [236.0, 229.0, 216.0];
 
-/// Pixels that are computed for a pixel, in each direction.
+/// Supersampling factor in each direction.
 const SAMPLES: usize = 2;
 
-/// A disc reaches its point's fifth neighbour; the point itself is the sixth that is found.
+/// A disc reaches the fifth neighbour of its point; the search also finds the point itself.
 const NEIGHBOURS: NonZero<usize> = NonZero::new(6).unwrap();
 
-/// Discs are at most this many times larger than most.
+/// Largest radius of a disc, as a multiple of the median radius.
 const LARGEST: f32 = 2.0;
 
 /// How the points look.
@@ -39,7 +39,7 @@ pub enum Look {
 #[derive(Clone, Debug)]
 pub struct Surfels<'a> {
     points: &'a [CloudPoint],
-    /// Of each point's disc, scene units.
+    /// Radius of the disc of each point, scene units.
     radii: Vec<f32>,
 }
 
@@ -48,9 +48,9 @@ struct Splat {
     x: f32,
     y: f32,
     radius: f32,
-    /// Unit direction across which the disc is narrow.
+    /// Unit direction in which the disc is foreshortened.
     narrow: [f32; 2],
-    /// Its width in that direction, as a share.
+    /// Its extent in that direction, as a share of its radius.
     squeeze: f32,
     depth: f32,
     /// How far behind another disc it may be and still belong to the same surface.
@@ -59,7 +59,7 @@ struct Splat {
 }
 
 impl<'a> Surfels<'a> {
-    /// Gives each point a size by the distance to its neighbours.
+    /// Sets the size of each point by the distance to its neighbours.
     #[must_use]
     pub fn new(points: &'a [CloudPoint]) -> Self {
         Self { points, radii: radii(points) }
@@ -78,7 +78,7 @@ impl<'a> Surfels<'a> {
     }
 }
 
-/// The size that most points have.
+/// The median radius of points.
 pub(crate) fn typical_radius(points: &[CloudPoint]) -> f32 {
     let mut radii = radii(points);
     let middle = radii.len() / 2;

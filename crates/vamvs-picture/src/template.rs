@@ -1,7 +1,7 @@
 //! Pieces of HTML with places to be filled.
 
-/// The template with each `{{name}}` replaced by its value. Values are not searched again, so what stands
-/// in one of them never becomes a place.
+/// The template with each `{{name}}` replaced by its value. Values are not searched again, so a
+/// `{{name}}` in a value stays.
 pub(crate) fn fill(template: &str, values: &[(&str, &str)]) -> String {
     let mut pieces = template.split("{{");
     let mut filled = pieces.next().unwrap_or_default().to_owned();
@@ -14,7 +14,7 @@ pub(crate) fn fill(template: &str, values: &[(&str, &str)]) -> String {
     filled
 }
 
-/// Text as it must stand in HTML, also between quotes.
+/// Text escaped for HTML, also between quotes.
 pub(crate) fn escaped(text: &str) -> String {
     let text = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     text.replace('"', "&quot;").replace('\'', "&#39;")

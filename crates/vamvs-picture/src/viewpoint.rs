@@ -9,13 +9,13 @@ use vamvs_io::{IoError, mvsnet};
 /// Half the field of view across the longer side of a picture, as a tangent: 20°.
 const HALF_VIEW: f64 = 0.364;
 
-/// Points that are looked at to find a viewpoint.
+/// Number of points that are sampled to find a viewpoint.
 const SAMPLES: usize = 20_000;
 
-/// Directions that are tried.
+/// Number of directions that are tried.
 const DIRECTIONS: usize = 600;
 
-/// The share of points at either side of a picture that may be outside: outliers.
+/// The share of points that may be outside on each side of a picture: outliers.
 const OUTSIDE: f64 = 0.006;
 
 /// A camera before a cloud.
@@ -28,8 +28,8 @@ pub struct Viewpoint {
 }
 
 impl Viewpoint {
-    /// The view from the direction `to_eye` (world, any length) that shows the whole cloud, but
-    /// outliers; `up` is up in the picture, as far as it can be.
+    /// The view from the direction `to_eye` (world, any length) that shows the whole cloud except
+    /// outliers. `up` points up in the picture, unless it is nearly parallel to `to_eye`.
     #[must_use]
     pub fn from_direction(
         cloud: &[CloudPoint],
@@ -71,8 +71,8 @@ pub fn around(direction: &Vector3<f64>, up: &Vector3<f64>, angle: f64) -> Vector
     Rotation3::from_axis_angle(&Unit::new_normalize(*up), angle.to_radians()) * direction
 }
 
-/// Up in the world, as the cameras in a folder of `NAME_cam.txt` files hold their pictures; `None`
-/// if there are none.
+/// Up in the world: the mean up direction of the cameras in a folder of `NAME_cam.txt` files;
+/// `None` if there are none.
 ///
 /// # Errors
 /// If a camera file cannot be read.
@@ -128,7 +128,7 @@ fn aside(direction: &Vector3<f64>) -> Vector3<f64> {
     direction.cross(&axis).normalize()
 }
 
-/// The value of which a share of the values is smaller; 0 of no values.
+/// The value below which a share of the values lies; 0 without values.
 pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     values.get((share * values.len().saturating_sub(1) as f64).round() as usize).copied().unwrap_or(0.0)

@@ -1,4 +1,4 @@
-//! Clouds, and fusing depth maps to one.
+//! Clouds, and the fusion of depth maps.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! The Python package `vamvs`: scenes, depth maps and clouds as NumPy arrays, and the command.
 //!
-//! Work runs on a thread of its own with the interpreter's lock released; what it tells is handed to Python on the thread
-//! that asked, so Ctrl-C is answered at once.
+//! Work runs on a thread of its own, with the interpreter's lock released. Its events are handed to
+//! Python on the calling thread, so Ctrl-C works at once.
 
 mod arrays;
 mod cloud;
@@ -45,7 +45,7 @@ mod _vamvs {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-        // Threads that still work when the interpreter ends would find libtorch taken down.
+        // Threads must end before the interpreter unloads libtorch.
         module.py().import("atexit")?.call_method1("register", (module.getattr("_wait")?,))?;
         Ok(())
     }

@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use vamvs::fusion::FuseOptions;
 use vamvs::{DepthOptions, FusionOptions, Quality};
 
-/// Keyword arguments that have not been taken yet.
+/// Keyword arguments, and the names of the options known so far.
 pub struct Options {
     given: Map<String, Value>,
     known: Vec<String>,
@@ -45,7 +45,7 @@ impl Options {
         }))
     }
 
-    /// How depth maps are made; what is not said is as in this quality.
+    /// How depth maps are made; the defaults are those of this quality.
     pub fn depth(&mut self, quality: Quality) -> PyResult<DepthOptions> {
         self.take(&quality.applied(&DepthOptions::default()), &[])
     }
@@ -58,7 +58,7 @@ impl Options {
         Ok(options)
     }
 
-    /// Refuses arguments that nobody knows.
+    /// Refuses unknown arguments.
     pub fn finish(self) -> PyResult<()> {
         match self.given.keys().find(|name| !self.known.contains(name)) {
             None => Ok(()),
@@ -70,7 +70,8 @@ impl Options {
         }
     }
 
-    /// The options of one kind, of which those that are not given are as in `base`; others may know the same names.
+    /// The options of one kind, with the values of `base` for those that are not given; kinds may
+    /// share names.
     fn take<T: Serialize + DeserializeOwned>(&mut self, base: &T, without: &[&str]) -> PyResult<T> {
         let wrong = |error: serde_json::Error| PyValueError::new_err(error.to_string());
         let mut options: Map<String, Value> =
@@ -88,7 +89,7 @@ impl Options {
     }
 }
 
-/// What is told by numbers in Python, by name.
+/// Gives names to the values of options that are plain numbers or text in Python.
 fn named(name: &str, value: Value) -> PyResult<Value> {
     let numbers = |count: usize| {
         let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(Value::as_f64).collect();

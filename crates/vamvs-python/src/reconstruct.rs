@@ -1,4 +1,4 @@
-//! From files to files, as `vamvs reconstruct` does it.
+//! Files in, files out, as in `vamvs reconstruct`.
 
 use std::path::{Path, PathBuf};
 
@@ -56,7 +56,7 @@ pub fn reconstruct(
     let (depth, mut fusion) = (options.depth(quality.unwrap_or_default())?, options.fusion()?);
     options.finish()?;
     if depth.fovea {
-        // The box is seen sharply, its surroundings too.
+        // With a fovea, points outside of the box are wanted too.
         fusion.roi = None;
     }
     let needed = |kind: &str| {

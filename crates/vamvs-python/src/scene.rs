@@ -168,7 +168,7 @@ impl Scene {
     }
 }
 
-/// With a network and a device, where they are given.
+/// The reconstruction with the network and the device, if given.
 pub fn run_on(
     mut reconstruction: Reconstruction,
     weights: Option<PathBuf>,

@@ -1,4 +1,4 @@
-//! Work on a thread of its own, and what it tells.
+//! Work on a thread of its own, and its messages.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -13,10 +13,10 @@ use vamvs::{Event, Pass, VamvsError};
 
 use crate::{Error, error};
 
-/// How often Ctrl-C is looked for.
+/// How often Ctrl-C is checked.
 const LISTEN: Duration = Duration::from_millis(50);
 
-/// How often a thread with a message looks whether somebody wants it.
+/// How often a thread tries again to send a message.
 const OFFER: Duration = Duration::from_millis(5);
 
 /// Whether the interpreter is about to end, and all work with it.
@@ -33,13 +33,13 @@ pub struct Work<T> {
     on_event: Option<Py<PyAny>>,
 }
 
-/// What the thread tells; the next is made while one is taken.
+/// A message of the thread, which makes the next one while this one is received.
 enum Message<T> {
     Event(Event),
     Item(T),
 }
 
-/// The thread's end.
+/// The thread's end of the channel.
 pub struct Teller<T> {
     messages: SyncSender<Message<T>>,
     stop: Arc<AtomicBool>,
@@ -49,7 +49,7 @@ pub struct Teller<T> {
 struct Working;
 
 impl<T: Send + 'static> Work<T> {
-    /// Begins some work; `on_event` takes its progress, and ends it by giving False.
+    /// Begins some work; `on_event` receives its progress, and ends the work by returning False.
     pub fn begin(
         on_event: Option<Py<PyAny>>,
         work: impl FnOnce(Teller<T>) -> Result<(), VamvsError> + Send + 'static,
@@ -65,7 +65,7 @@ impl<T: Send + 'static> Work<T> {
         Self { messages: Mutex::new(messages), stop, thread: Mutex::new(Some(thread)), on_event }
     }
 
-    /// The next item; `None` if there is none any more.
+    /// The next item; `None` at the end.
     pub fn next(&self, py: Python<'_>) -> PyResult<Option<T>> {
         let next = self.wait_for_next(py);
         if next.is_err() {
@@ -104,9 +104,7 @@ impl<T: Send + 'static> Work<T> {
         match thread.map(JoinHandle::join) {
             None | Some(Ok(Ok(()))) => Ok(()),
             Some(Ok(Err(failed))) => Err(error(&failed)),
-            Some(Err(_)) => {
-                Err(Error::new_err("a defect of vamvs: the work panicked (its message is above)"))
-            }
+            Some(Err(_)) => Err(Error::new_err("a bug in vamvs: the work panicked (see the message above)")),
         }
     }
 }
@@ -118,12 +116,12 @@ impl<T> Drop for Work<T> {
 }
 
 impl<T> Teller<T> {
-    /// Tells an event and whether to go on.
+    /// Sends an event; returns whether to go on.
     pub fn event(&self, event: Event) -> ControlFlow<()> {
         self.send(Message::Event(event))
     }
 
-    /// Hands over an item; an error if nobody wants it any more.
+    /// Sends an item; an error if nobody wants it any more.
     pub fn item(&self, item: T) -> Result<(), VamvsError> {
         match self.send(Message::Item(item)) {
             ControlFlow::Continue(()) => Ok(()),
@@ -131,7 +129,7 @@ impl<T> Teller<T> {
         }
     }
 
-    /// Waits until the message before this one was taken.
+    /// Sends a message, after waiting until the one before is received.
     fn send(&self, mut message: Message<T>) -> ControlFlow<()> {
         loop {
             if self.stop.load(Ordering::SeqCst) || ENDING.load(Ordering::SeqCst) {
@@ -153,7 +151,7 @@ impl Drop for Working {
     }
 }
 
-/// Ends all work and waits until no thread works any more: at the interpreter's end.
+/// Ends all work and waits for its threads, at the interpreter's end.
 #[pyfunction]
 #[pyo3(name = "_wait")]
 pub fn wait(py: Python<'_>) {

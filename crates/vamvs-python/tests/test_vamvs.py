@@ -161,7 +161,7 @@ def test_ctrl_c_is_answered_while_a_depth_map_is_made(folder):
     program = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
     assert program.stdout.readline() == "event\n"
     program.send_signal(signal.SIGINT)
-    # Of the seven events to come at most the one that the signal crossed.
+    # Of the seven remaining events at most one, sent before the signal arrived.
     lines = program.stdout.read().splitlines()
     assert lines[-1] == "interrupted" and len(lines) <= 2
     assert program.wait() == 0

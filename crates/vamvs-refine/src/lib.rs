@@ -4,7 +4,7 @@
 //! searches for each pixel the plane under which the window around it looks most alike in the source views.
 //! [`refine_geometric`] goes on with the depth maps that the source views have got in the same way.
 //!
-//! A plane is told by inverse depth, which is affine in image coordinates; steps are told in pixels of disparity.
+//! A plane is stored as inverse depth, which is affine in image coordinates; steps are in pixels of disparity.
 //! So nothing depends on the scale, the rotation or the place of the scene. Images are seen as 8-bit luminance; windows
 //! are 11×11 pixels with bilateral weights, compared by zero-mean normalised cross-correlation. The result is the same
 //! for any number of threads and, bit for bit, for all instruction sets of [`Isa`].

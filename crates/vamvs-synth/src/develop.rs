@@ -56,7 +56,7 @@ struct Look {
     gain: [f32; 3],
 }
 
-/// Develops the photographs of a scene. Its exposure is one, told by the surfaces that all shots show;
+/// Develops the photographs of a scene. Its exposure is one, measured on the surfaces that all shots show;
 /// effects are drawn from `random`.
 #[must_use]
 pub fn develop(shots: &[Shot], effects: &Effects, random: &mut Pcg64) -> Vec<Grid<Rgb>> {

@@ -1,4 +1,4 @@
-//! Which views help a view's depth, told by what they truly see of it.
+//! Which views help a view's depth, from the surface that both see.
 
 use nalgebra::{Vector2, Vector3};
 use vamvs_core::lift::lift;

@@ -252,7 +252,7 @@ fn middle(focus: &Focus, reach: f64, random: &mut Pcg64) -> Vector3<f64> {
     (0..PLACES).map(|_| draw()).find(|direction| direction.z >= lowest).unwrap_or(focus.axis)
 }
 
-/// Unit vectors: `forward`, to the right of who looks against it, and up.
+/// Unit vectors: `forward`, right as seen when looking against it, and up.
 fn frame(forward: &Vector3<f64>) -> [Vector3<f64>; 3] {
     let beside = if forward.z.abs() < 0.999 { Vector3::z() } else { Vector3::y() };
     let right = beside.cross(forward).normalize();
@@ -275,7 +275,7 @@ fn turned(vector: &Vector3<f64>, angle: f64) -> Vector3<f64> {
     Vector3::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y, vector.z)
 }
 
-/// `up` tilted sideways by an angle for who looks `ahead`.
+/// `up` tilted sideways by an angle around the viewing direction `ahead`.
 fn rolled(up: &Vector3<f64>, ahead: &Vector3<f64>, angle: f64) -> Vector3<f64> {
     up + ahead.cross(up).normalize() * angle.tan()
 }

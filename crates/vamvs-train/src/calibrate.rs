@@ -16,7 +16,7 @@ const GROUPS: usize = 64;
 pub struct Calibration {
     /// The confidence as the network gives it.
     pub before: Reliability,
-    /// The confidence as it will be told.
+    /// The calibrated confidence.
     pub after: Reliability,
 }
 

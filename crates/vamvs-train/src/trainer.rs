@@ -215,7 +215,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The network with a manifest that tells what it learns from now on; what was measured of other weights is
+/// The network with a manifest for the training that begins; what was measured of other weights is
 /// gone.
 fn described(mut network: Network, job: &TrainJob) -> Result<Network, TrainError> {
     let mut manifest = network.manifest().clone();

@@ -125,7 +125,7 @@ fn stages(estimator: &Estimator, sample: &Sample) -> Result<Vec<Grid<f32>>, Trai
     Ok(maps.iter().map(|map| to_grid(&map.u)).collect::<Result<_, _>>()?)
 }
 
-/// By what the photograph's size was divided, padding included.
+/// The ratio of the padded photograph's size to the map's.
 fn scale_of(sample: &Sample, map: &Grid<f32>) -> usize {
     sample.photos[0].camera.size.width.next_multiple_of(8) / map.width()
 }

@@ -7,7 +7,7 @@ use crate::memory::{resident_bytes, spelled};
 pub(crate) struct Ceiling {
     /// The most that the process may hold, bytes.
     limit: u64,
-    /// Memory that the next depth map needs beside what is held, bytes.
+    /// Memory that the next depth map needs in addition, bytes.
     needed: u64,
     warned: bool,
 }

@@ -18,7 +18,7 @@ const SMALLER_PIECES: usize = 8;
 
 /// The photographs and the plan with which every depth map is expected to fit into the memory of
 /// `options`: where it would not, the estimator works in smaller pieces, and if that does not help,
-/// photographs are reduced. A warning tells what was done. The memory of a GPU is not checked.
+/// photographs are reduced. A warning says what was reduced. The memory of a GPU is not checked.
 ///
 /// # Errors
 /// As [`plan`](fn@crate::plan).

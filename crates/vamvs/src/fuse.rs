@@ -43,7 +43,7 @@ impl FuseSummary {
     }
 }
 
-/// Fuses depth maps into the PLY file `cloud`, and writes what `exports` asks for beside it.
+/// Fuses depth maps into the PLY file `cloud`, and writes the `exports` next to it.
 ///
 /// # Errors
 /// If files are missing or malformed, or the cloud cannot be written: then an older cloud stays as

@@ -153,7 +153,7 @@ impl OutputFolder {
     /// Refuses to be the folder of the scene, whose photographs and cameras would be overwritten.
     ///
     /// # Errors
-    /// If one of the scene's folders is one of this folder's.
+    /// If a folder of the scene is also a folder of this output.
     pub fn expect_apart<'a>(&self, scene: impl IntoIterator<Item = &'a Path>) -> Result<(), VamvsError> {
         let own: Vec<_> =
             [self.cams(), self.images()].iter().filter_map(|own| own.canonicalize().ok()).collect();

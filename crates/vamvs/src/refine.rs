@@ -26,7 +26,7 @@ pub struct RefineJob<'a> {
     /// The scene with the photographs. Depth maps find their views by name, see
     /// [`crate::output::names`].
     pub scene: &'a Scene,
-    /// The photographs, at the size that refined maps shall have.
+    /// The photographs, at the size of the refined maps.
     pub photographs: &'a Photographs,
     /// The solver's options.
     pub options: &'a RefineOptions,

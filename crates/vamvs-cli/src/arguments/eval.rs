@@ -7,11 +7,11 @@ use clap::{Args, Subcommand, ValueEnum};
 /// The end of the command's help.
 pub const EXAMPLES: &str = "\
 Examples:
-  vamvs eval depth out ground truth                              depth maps of a scene, or of folders of scenes
+  vamvs eval depth out ground-truth                              depth maps of a scene, or of folders of scenes
   vamvs eval cloud out/fused.ply ground_truth.ply --thresholds 0.01,0.02
   vamvs eval cloud scan1.ply stl001_total.ply --preset dtu --mask ObsMask1_10.mat --plane Plane1.mat
   vamvs eval cloud Barn.ply ground_truth/Barn.ply --preset tnt --tau 0.01 --crop Barn.json --align Barn_trans.txt
-  vamvs eval scene out ground truth                              both, with a page of pictures: out/eval.html
+  vamvs eval scene out ground-truth                              both, with a page of pictures: out/eval.html
   vamvs eval network vis-max my.pt --data hold-out --views 3 5 7        networks side by side";
 
 /// `eval`.

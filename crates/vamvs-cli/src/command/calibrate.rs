@@ -1,4 +1,4 @@
-//! `vamvs calibrate`: confidence that means what it says.
+//! `vamvs calibrate`: calibrates the confidence of a network.
 
 use std::path::Path;
 
@@ -53,13 +53,13 @@ fn draw(calibration: &Calibration, path: &Path) -> Result<()> {
     let curve = |name: &str, points| Curve { name: name.to_owned(), points };
     let mut page = Page::new("Calibration", "How often depths of each confidence are right, to 1 %");
     page.chart(&Chart {
-        title: "Share of pixels that are right, on views that were not fitted to",
+        title: "Share of right pixels by confidence, on views not used for the fit",
         across: ("confidence", 1.0),
         top: 1.0,
         curves: vec![
             curve("before", calibration.before.curve()),
             curve("after", calibration.after.curve()),
-            curve("should be", vec![[0.0; 2], [1.0; 2]]),
+            curve("ideal", vec![[0.0; 2], [1.0; 2]]),
         ],
     });
     Ok(page.save(path)?)

@@ -58,7 +58,7 @@ pub fn estimate(
     Ok(summary)
 }
 
-/// Does one step, for a part of the views where it is one.
+/// Does one step of a run that is spread over processes.
 fn estimate_step(
     arguments: &DepthArguments,
     settings: &Settings,
@@ -114,7 +114,7 @@ fn expect_iterations(work: &Prepared, wanted: Option<usize>) -> Result<()> {
     }
 }
 
-/// What depth maps will be made of.
+/// Prints the network, the masks and the plan.
 fn say_work(work: &Prepared, progress: &Progress) {
     let network = work.estimator.network();
     progress.say(&format!("network {} on {}", network.manifest().name, device_name(network.device())));
@@ -122,20 +122,20 @@ fn say_work(work: &Prepared, progress: &Progress) {
     say_plan(&work.scene, &work.plan, progress);
 }
 
-/// Which masks are used, and a warning if some views have none.
+/// Prints which masks are used, with a warning if some views have none.
 fn say_masks(masks: &Masks, scene: &Scene, progress: &Progress) {
     let views = scene.views.len();
     let masked = scene.views.iter().filter(|view| masks.find(&view.name).is_some()).count();
     let place = match masks {
         Masks::None => return,
         Masks::Folder(folder) => format!("in {}", folder.display()),
-        Masks::Files(_) => "told by the scene's file".to_owned(),
+        Masks::Files(_) => "named in the scene's file".to_owned(),
     };
     let line = format!("masks {place}: {masked} of {views} views have one (--no-masks leaves them out)");
     if masked == views { progress.say(&line) } else { progress.warn(&line) }
 }
 
-/// The plan: how many views, and for those who want to know what was chosen for each.
+/// Prints how many views have a plan and, if verbose, what was chosen for each.
 fn say_plan(scene: &Scene, plan: &Plan, progress: &Progress) {
     let planned = plan.views.iter().flatten().count();
     progress.say(&format!("{planned} of {} views will have a depth map", scene.views.len()));

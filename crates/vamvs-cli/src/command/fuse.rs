@@ -54,8 +54,8 @@ fn masks(arguments: &FuseArguments) -> Result<Masks> {
     }
 }
 
-/// Fuses all depth maps that can be read; with `--strict` all must be. Maps are not read before they are needed; only
-/// if one of them cannot be, all are looked at, and those that can be are fused anew.
+/// Fuses all readable depth maps; with `--strict` all must be readable. Maps are read when they are
+/// needed. Only if one cannot be read, all are checked and the readable ones are fused again.
 pub fn merge_readable(
     maps: Maps,
     cloud: &Path,

@@ -1,4 +1,4 @@
-//! `vamvs completions` and `vamvs man`: the command line told to shells and to `man`.
+//! `vamvs completions` and `vamvs man`: shell completions and manual pages.
 
 use std::io::Write;
 use std::path::Path;
@@ -45,7 +45,7 @@ fn page(command: &clap::Command) -> Result<Vec<u8>> {
     Ok(text)
 }
 
-/// Prints; a reader that has seen enough is no error.
+/// Prints; a closed pipe is no error.
 fn print(text: &[u8]) -> Result<()> {
     match std::io::stdout().write_all(text) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("cannot print"),

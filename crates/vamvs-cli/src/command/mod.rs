@@ -47,7 +47,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// With `--strict` it is an error that views were left out.
+/// With `--strict`, views that are left out are an error.
 fn expect_all_views(common: &CommonFlags, left_out: &[LeftOut]) -> Result<()> {
     if common.strict && !left_out.is_empty() {
         let views: Vec<String> =

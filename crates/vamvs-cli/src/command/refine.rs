@@ -25,7 +25,7 @@ pub fn run(arguments: &RefineArguments) -> Result<()> {
     let given = Photographed::new(arguments, &settings, &maps, &progress)?;
     let output = OutputFolder::new(&out(arguments, &maps));
     if settings.input.given().chain([maps.root()]).any(|input| same(input, output.root())) {
-        bail!("--out {}: is read from, choose another folder", output.root().display());
+        bail!("--out {}: is an input, choose another folder", output.root().display());
     }
     let views = arguments.views.unwrap_or(settings.depth.views);
     if views < 2 {

@@ -22,8 +22,8 @@ pub fn run(arguments: &ReportArguments) -> Result<()> {
     Ok(())
 }
 
-/// Keeps what a fusion did, and makes the page if it is `wanted`. A cloud outside of the folder of the depth
-/// maps changes neither.
+/// Saves the record of a fusion and, if `wanted`, writes the page. Does neither for a cloud outside
+/// of the folder of the depth maps.
 pub fn keep(
     (maps, cloud, fused): (&Maps, &Path, &FuseSummary),
     settings: &Settings,

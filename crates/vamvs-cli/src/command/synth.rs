@@ -1,4 +1,4 @@
-//! `vamvs synth`: scenes with known ground truth.
+//! `vamvs synth`: synthetic scenes with ground truth.
 
 use std::path::Path;
 
@@ -65,7 +65,7 @@ fn options(arguments: &SynthArguments) -> SynthOptions {
     }
 }
 
-/// Draws events and keeps what `--json` tells.
+/// Draws events and collects the summary for `--json`.
 struct Report {
     progress: Progress,
     views: usize,
@@ -95,7 +95,7 @@ impl Report {
             SynthEvent::Scene { scene, style, kept, time } => {
                 self.progress.step("views", before(scene + 1), self.total);
                 let (style, seconds) = (style.name(), time.as_secs_f64());
-                let how = if kept { "is there".to_owned() } else { format!("{seconds:.1} s") };
+                let how = if kept { "already there".to_owned() } else { format!("{seconds:.1} s") };
                 self.progress.say_without_bar(&format!("scene {scene} {style}: {how}"));
                 self.scenes.push(json!({"scene": scene, "style": style, "kept": kept, "seconds": seconds}));
             }

@@ -20,11 +20,11 @@ use crate::settings::Settings;
 struct Task {
     id: String,
     argv: Vec<String>,
-    /// Files that it reads, those of the tasks it depends on included.
+    /// Files that must be there before: photographs, or outputs of the tasks it depends on.
     inputs: Vec<PathBuf>,
-    /// Files that are there when it is done, and not before.
+    /// Files that are there when it is done, and only then.
     outputs: Vec<PathBuf>,
-    /// The ids of tasks that must be done before.
+    /// The ids of tasks that must be done first.
     dependencies: Vec<String>,
     cores: usize,
     /// Bytes.
@@ -40,7 +40,7 @@ pub fn run(arguments: &TasksArguments) -> Result<()> {
     settings.apply_fusion(&reconstruct.fusion);
     settings.apply_export(&reconstruct.export);
     settings.fusion.filter.validate()?;
-    // Machines have different memory, and depth maps must not depend on which one made them.
+    // Memory differs between machines, but depth maps must not.
     let memory = MemoryLimit::Bytes(settings.depth.max_memory.bytes());
     (settings.depth.max_memory, settings.fusion.max_memory) = (memory, memory);
     let progress = Progress::of(&reconstruct.depth.common);
@@ -219,7 +219,7 @@ fn fusion_id(step: &str, part: Part) -> String {
     format!("{step}-{}", numbered(part))
 }
 
-/// A part as it is spelled where `/` cannot be.
+/// A part as text without `/`, for ids.
 fn numbered(part: Part) -> String {
     part.to_string().replace('/', "-of-")
 }

@@ -29,7 +29,7 @@ pub fn run(arguments: &TrainArguments) -> Result<()> {
             ..Validation::default()
         },
         validate_every: arguments.watching.validate_every,
-        checkpoint_every: pause.with_context(|| format!("--checkpoint-minutes {minutes} is no time"))?,
+        checkpoint_every: pause.with_context(|| format!("--checkpoint-minutes {minutes} is invalid"))?,
         out: arguments.out.clone(),
     };
     let network = Network::load(&arguments.network, open_device(&arguments.device)?)?;
@@ -80,7 +80,7 @@ fn options(training: &TrainingFlags, samples: &SampleFlags) -> TrainOptions {
     options
 }
 
-/// Two numbers, as the parser made sure.
+/// Two numbers; the parser checks that there are two.
 fn two(numbers: &[usize]) -> [usize; 2] {
     [numbers[0], numbers[1]]
 }

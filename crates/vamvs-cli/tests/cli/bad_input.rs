@@ -102,7 +102,7 @@ fn a_photograph_of_another_size_is_fitted_with_a_note_or_refused() {
     expect_success(&output);
     let square = Grid::filled(Size::new(64, 64), [9, 9, 9]);
     image::save_png_rgb(&scene.path("images/0001.png"), &square).unwrap();
-    // The camera file tells no size, so a square photograph is only found where it contradicts COLMAP.
+    // Camera files of MVSNet have no size, so a square photograph only contradicts those of COLMAP.
     let model = scene.path("sparse");
     std::fs::create_dir_all(&model).unwrap();
     write(&model.join("cameras.txt"), "1 PINHOLE 96 64 90 90 48 32\n");
@@ -213,7 +213,7 @@ fn masks_leave_no_depth_and_a_wrong_folder_of_masks_is_an_error() {
     };
     let depth = depth_of(&arguments, true);
     assert!(depth.iter().enumerate().all(|(x, depth)| (*depth == 0.0) == masked(x)), "{depth:?}");
-    // Those beside the photographs are found without being told.
+    // Masks next to the photographs are found without a flag.
     assert_eq!(depth_of(&arguments[2..], true), depth);
     let without = depth_of(&[&arguments[2..], &["--no-masks"]].concat(), false);
     assert!(without.iter().all(|depth| *depth > 0.0), "{without:?}");

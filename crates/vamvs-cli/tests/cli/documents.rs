@@ -1,5 +1,5 @@
-//! The commands in the documents that stand below `<!-- runs -->`, run as they stand in one folder, in the order of
-//! the documents.
+//! Runs the commands in the documents below `<!-- runs -->`, unchanged, in one folder and in the
+//! order of the documents.
 
 use std::os::unix::fs::symlink;
 use std::path::Path;
@@ -55,7 +55,7 @@ fn blocks(text: &str) -> Vec<String> {
         .collect()
 }
 
-/// The folders that the documents speak of, beside `cams` and `images`.
+/// The folders that the documents use, apart from `cams` and `images`.
 fn lay_out(scene: &Scene) {
     std::fs::rename(true_maps(scene).root(), scene.path("ground-truth")).unwrap();
     let model = Model::from_scene(&sparse(scene));

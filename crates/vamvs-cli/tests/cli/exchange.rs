@@ -79,7 +79,7 @@ fn the_folder_of_a_network_is_fused_like_our_own() {
     // Our export beside the network's maps does not take their place.
     expect_same(&fuse(&network, &["--depth-format", "exr"]), &cloud);
     expect_same(&fuse(&network, &[]), &cloud);
-    // A network that tells no confidence, one of the maps missing.
+    // A network without confidence maps, and with one depth map missing.
     std::fs::remove_dir_all(network.join("confidence")).unwrap();
     std::fs::remove_file(network.join("depth_est/0003.pfm")).unwrap();
     let fewer = fuse(&network, &[]);

@@ -106,7 +106,6 @@ fn folders_that_are_none_and_broken_maps_are_named() {
     assert!(!folder.cloud().exists());
 }
 
-/// Leaves half of a file.
 #[test]
 fn damaged_maps_are_left_out_as_if_they_were_not_there_and_told() {
     let scene = Scene::new(96, 64, 6);

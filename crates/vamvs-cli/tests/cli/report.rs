@@ -74,7 +74,7 @@ fn the_page_is_left_out_made_again_and_made_without_a_cloud() {
     assert!(first.contains("cloud-data"));
     expect_success(&run("fuse", folder.root(), &[]));
     assert_eq!(read(&page), first, "the same folder gives the same page");
-    // Another depth map: what the fusion did is of the past.
+    // With another depth map the record of the fusion is outdated.
     let record = folder.saved("0000").unwrap();
     let map = vamvs::Maps::open(folder.root(), vamvs::io::masks::Masks::None, &mut |_| {
         std::ops::ControlFlow::Continue(())

@@ -76,7 +76,7 @@ fn a_draft_is_quick_is_recorded_and_gives_way_to_flags() {
     let (size, settings) = size_and_settings(&flags);
     assert_eq!(size, vamvs::core::Size::new(80, 60));
     assert!(settings.contains("max-size = 160") && settings.contains("network-size = 640"), "{settings}");
-    // The settings that were kept are the same again, unless another quality is asked for.
+    // The stored settings give the same again, unless another quality is asked for.
     let kept = scene.path("kept.toml");
     crate::scene::write(&kept, &settings);
     assert_eq!(size_and_settings(&["--config", kept.to_str().unwrap()]).0, size);
@@ -124,13 +124,13 @@ fn depth_maps_are_refined_to_the_size_of_their_photographs_unless_that_is_not_wa
     assert_eq!(run(&["--network-size", "128"]).0.size(), ground_truth.size());
     let (half, _) = run(&["--max-size", "128"]);
     assert_eq!(half.size(), vamvs::core::Size::new(128, 96));
-    // What is refined no longer leaves nothing behind.
+    // Without refinement no normals are left behind.
     assert_eq!(run(&["--no-refine"]).0, rough);
     assert!(!normals.exists());
 }
 
 #[test]
-fn iterations_are_counted_from_the_coarse_cells_of_the_network() {
+fn iterations_are_counted_from_the_coarse_stride_of_the_network() {
     let scene = Scene::new(64, 48, 2);
     // The default network has a coarse stride of 4: one iteration ends where the coarse map is, and refines it.
     let map = |iterations: &str| {
@@ -146,7 +146,8 @@ fn iterations_are_counted_from_the_coarse_cells_of_the_network() {
 
 #[test]
 fn coarse_maps_of_small_photographs_have_the_colours_of_their_place() {
-    // Of 36 pixels four are lost in a coarse stride of 8, so many that the sizes would tell a coarse stride of 9.
+    // A coarse stride of 8 loses 4 of 36 pixels, so that the sizes alone would suggest a coarse
+    // stride of 9.
     let scene = Scene::new(36, 64, 2);
     let fixed = ["--weights", "photometric", "--iterations", "0", "--planes", "8", "--no-refine", "--quiet"];
     expect_success(&scene.run("depth", &fixed));
@@ -163,7 +164,7 @@ fn coarse_maps_of_small_photographs_have_the_colours_of_their_place() {
 }
 
 #[test]
-fn enlarged_photographs_give_larger_maps_and_smaller_cells_more_that_is_right() {
+fn enlarged_photographs_give_larger_maps_and_a_smaller_stride_more_that_is_right() {
     let scene = Scene::new(256, 192, 3);
     let ground_truth = &scene.views[0].depth;
     let size_and_share = |arguments: &[&str]| {

@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use tempfile::TempDir;
 use vamvs_tests::{Rendered, fixtures, folder};
 
-/// A scene in a folder of its own, the name of which has a space and letters beyond ASCII.
+/// A scene in a folder of its own, whose name has a space and letters beyond ASCII.
 pub struct Scene {
     _guard: TempDir,
     pub root: PathBuf,

@@ -44,7 +44,8 @@ fn an_interrupted_run_says_how_to_go_on_and_leaves_nothing_half_written() {
     assert_eq!((&told["made"], &told["kept"]), (&0.into(), &2.into()));
 }
 
-/// The farewell cannot be said, since nobody reads what is in the pipe already: the first Ctrl-C waits forever.
+/// The farewell cannot be written, because the pipe is full and nobody reads it: the first Ctrl-C
+/// waits forever.
 #[cfg(unix)]
 #[test]
 fn a_second_interruption_ends_at_once() {

@@ -20,7 +20,7 @@ impl Model {
     }
 
     /// Reads the model in `folder` as [`Model::read`] does, but of binary files without the images' keypoints: they
-    /// are most of a model, and the tracks of the points tell who sees what.
+    /// are most of a model, and the tracks of the points say which view sees what.
     ///
     /// # Errors
     /// As [`Model::read`].

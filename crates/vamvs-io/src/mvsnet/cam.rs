@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | 0 | | none |
 //! | 2 | `min interval` | min to min + interval · 191 ([`DEFAULT_PLANES`] planes) |
-//! | 2 | `min max`, told from the above by its second number being larger | min to max, with a warning |
+//! | 2 | `min max`, distinguished from the above by its second number being larger | min to max, with a warning |
 //! | 3 | `min interval num` | min to min + interval · (num − 1) |
 //! | 4 | `min interval num max` | min to max |
 

@@ -21,7 +21,7 @@ const VERSION: u32 = 3;
 /// The last version that is read.
 const LAST_VERSION: u32 = 7;
 
-/// The number of what there is not.
+/// Marks a missing index.
 const NONE: u32 = u32::MAX;
 
 /// A point with the views that see it.

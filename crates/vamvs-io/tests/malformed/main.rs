@@ -113,7 +113,7 @@ macro_rules! readers {
 
 with_readers!(readers);
 
-/// In every layout a photograph without a header is one bad view, which is told when it is decoded.
+/// In every layout a photograph without a header is one bad view, which is reported when it is decoded.
 #[test]
 fn a_photograph_without_header_does_not_end_a_scene() {
     type Write = fn(&Path) -> Fixture;

@@ -22,14 +22,14 @@ from pathlib import Path
 
 __all__ = ["Cloud", "DepthMap", "DepthMaps", "Error", "Reconstructed", "Scene", "__version__", "fuse", "reconstruct"]
 
-# Those of the torch package that the extension needs, each after what it needs itself.
+# Libraries of the torch package that the extension needs, in the order of loading.
 _LIBRARIES = ("libc10.so", "libtorch_cpu.so")
-# Those that make GPUs usable, where they are.
+# Libraries for GPUs, if they exist.
 _CUDA = ("libc10_cuda.so", "libtorch_cuda.so")
 
 
 def _load():
-    """The extension, after the libtorch that it is linked with: the one of the torch package."""
+    """Loads the libtorch of the torch package, then the extension, which is linked with it."""
     if (loaded := sys.modules.get("vamvs._vamvs")) is not None:
         return loaded
     torch = importlib.util.find_spec("torch")
@@ -44,8 +44,8 @@ def _load():
 
 
 def _load_libraries(folder: Path) -> None:
-    # libtorch_cpu.so asks for two libraries of CUDA even without a GPU; torch's own loader finds them in the packages
-    # beside it, by the run path that the libraries have.
+    # libtorch_cpu.so needs two CUDA libraries even without a GPU. Its run path finds them in the
+    # packages next to torch.
     if not (folder / "libtorch_cpu.so").is_file():
         import torch  # noqa: F401  (another platform: torch knows its libraries)
 
@@ -70,6 +70,6 @@ def __dir__() -> list[str]:
 
 def _command() -> None:
     """The command `vamvs`."""
-    # Waiting threads sleep: beside other programs that is several times as fast.
+    # Waiting threads sleep instead of spinning: several times as fast beside other programs.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     sys.exit(_load()._run(sys.argv))

@@ -48,8 +48,10 @@ class Scene:
         on_event: Optional[OnEvent] = None,
         **options: Any,
     ) -> DepthMaps:
-        """The depth maps, one by one, made while the one before is looked at. Options are quality ('draft', 'normal' or 'best') and those
-        of run.toml's [depth], with underscores."""
+        """The depth maps, one by one; the next is made while the caller uses the one before.
+
+        Options are quality ('draft', 'normal' or 'best') and those of run.toml's [depth], with
+        underscores."""
 
 class DepthMaps(Iterator[DepthMap]):
     def __next__(self) -> DepthMap: ...
@@ -118,8 +120,9 @@ def reconstruct(
     on_event: Optional[OnEvent] = None,
     **options: Any,
 ) -> Reconstructed:
-    """Depth maps and fused.ply in the folder `out`; an interrupted run goes on where it was. Neither run.toml nor a report is
-    written, and if no point passes the filters no cloud.
+    """Makes depth maps and fused.ply in the folder `out`; an interrupted run goes on where it was.
+
+    It writes neither run.toml nor a report, and no cloud if no point passes the filters.
 
     Options are quality ('draft', 'normal' or 'best') and those of run.toml's [depth] and [fusion], with underscores."""
 

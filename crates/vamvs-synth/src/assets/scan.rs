@@ -26,7 +26,7 @@ pub(super) const TEXTURES: Kind = Kind {
 pub(super) const ENVIRONMENTS: Kind = Kind { name: "environments (.hdr, .exr)", extensions: &["hdr", "exr"] };
 
 /// The files of `kind` in `folder` and below that `filter` admits, in the order of their paths. All
-/// files there, of whatever kind, are told to `hasher`: name, length and whether admitted.
+/// files there, of whatever kind, are hashed by `hasher`: name, length and whether admitted.
 pub(super) fn scan(
     folder: &Path,
     kind: &Kind,

@@ -42,7 +42,7 @@ fn white_things(material: &Material) -> Vec<Object> {
     things
 }
 
-/// The white furnace: white things in a white sky cannot be told from it.
+/// The white furnace: white things in a white sky cannot be distinguished from it.
 #[test]
 fn white_things_vanish_in_a_white_sky() {
     let camera = view(Size::new(48, 36), [2.0, -2.5, 1.6], [0.0, 0.0, 0.3]);

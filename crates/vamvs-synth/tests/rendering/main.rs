@@ -1,4 +1,4 @@
-//! What the tracer tells against what must come out: analytic surfaces, brute force, closed forms.
+//! What the tracer gives, compared with analytic surfaces, brute force, closed forms.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 

@@ -25,7 +25,7 @@ const END_SHARE: f64 = 0.01;
 /// Above this share of depths at one end of the range, a warning is given.
 const MANY_AT_END: f64 = 0.25;
 
-/// Number of views whose features are kept beside those needed for one depth map.
+/// Number of views whose features are kept in addition to those of one depth map.
 const BESIDE: usize = 3;
 
 /// Makes depth maps; keeps what the next ones need too, as far as memory allows.

@@ -204,7 +204,8 @@ impl DepthScene {
     /// The errors of all views.
     ///
     /// # Errors
-    /// If a file cannot be read, maps do not fit, or thresholds ask for plane distances that are not known.
+    /// If a file cannot be read, maps differ in camera or size, or thresholds need plane distances
+    /// that are not known.
     pub fn errors(&self, thresholds: &[Threshold]) -> Result<SceneErrors, VamvsError> {
         if let Some(view) = self.views.iter().find(|view| view.plane.is_none()) {
             refuse_planes(thresholds, &self.prediction.names()[view.predicted])?;

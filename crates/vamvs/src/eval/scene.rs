@@ -53,7 +53,8 @@ impl SceneEvaluation {
     /// scene units) those are 0.5 and 1 % of the true depths' median.
     ///
     /// # Errors
-    /// If a file cannot be read or does not fit, or thresholds ask for plane distances that are not known.
+    /// If a file cannot be read, maps differ in camera or size, or thresholds need plane distances
+    /// that are not known.
     pub fn new(
         maps: DepthScene,
         cloud: Option<&Path>,

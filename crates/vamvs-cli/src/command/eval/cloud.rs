@@ -40,13 +40,13 @@ fn protocol(arguments: &EvalCloudArguments) -> Result<CloudProtocol> {
     }
 }
 
-/// A flag that another preset obeys would be ignored by this one.
+/// Refuses flags of other presets, which this preset would ignore.
 fn refuse_flags_of_others(arguments: &EvalCloudArguments) -> Result<()> {
     let EvalCloudArguments { preset, thresholds, dtu, tnt, .. } = arguments;
     let given = [
-        (CloudPreset::Generic, !thresholds.is_empty(), "--thresholds is of --preset generic"),
-        (CloudPreset::Dtu, dtu.is_given(), "--mask, --plane and --seed are of --preset dtu"),
-        (CloudPreset::Tnt, tnt.is_given(), "--tau, --crop, --align and --icp are of --preset tnt"),
+        (CloudPreset::Generic, !thresholds.is_empty(), "--thresholds belongs to --preset generic"),
+        (CloudPreset::Dtu, dtu.is_given(), "--mask, --plane and --seed belong to --preset dtu"),
+        (CloudPreset::Tnt, tnt.is_given(), "--tau, --crop, --align and --icp belong to --preset tnt"),
     ];
     match given.iter().find(|(of, is_given, _)| of != preset && *is_given) {
         Some((_, _, problem)) => bail!("{problem}: give that preset, or leave them out"),
@@ -96,7 +96,7 @@ fn print_tnt(scores: &TntScores) {
     print_agreement(&[scores.agreement]);
 }
 
-/// Prints distances in both directions and what is near.
+/// Prints distances in both directions, and the shares within thresholds.
 pub fn print_errors(errors: &CloudErrors) {
     let mut table = Table::new(&["distance", "mean", "median", "points"]);
     spread_row(&mut table, "cloud to ground truth", &errors.accuracy);

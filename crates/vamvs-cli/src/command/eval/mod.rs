@@ -1,4 +1,4 @@
-//! `vamvs eval`: results against ground truth.
+//! `vamvs eval`: compares results with ground truth.
 
 mod cloud;
 mod depth;
@@ -26,7 +26,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
     }
 }
 
-/// Sets the threads; the result draws what happens.
+/// Sets the threads; returns what draws the progress.
 fn begin(flags: &EvalGeneralFlags) -> Result<Progress> {
     Settings { threads: flags.threads, ..Settings::default() }.use_threads()?;
     Ok(Progress::new(flags.quiet))

@@ -16,7 +16,7 @@ use super::table::Table;
 use crate::arguments::EvalNetworkArguments;
 use crate::heap::KeptBlocks;
 
-/// What a network came to with a number of views.
+/// The scores of a network with a number of views.
 #[derive(Serialize)]
 struct Measured {
     network: String,

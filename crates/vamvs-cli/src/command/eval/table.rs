@@ -12,7 +12,7 @@ impl Table {
         Self(vec![head.iter().map(|&cell| cell.to_owned()).collect()])
     }
 
-    /// A table of depth errors, the thresholds of which are those of `example`.
+    /// A table of depth errors with the thresholds of `example`.
     pub fn of_depth(example: &RegionErrors) -> Self {
         let mut head = ["", "pixels", "true", "with depth", "mean", "median", "rel. mean", "rel. median"]
             .map(str::to_owned)
