@@ -11,7 +11,7 @@ from PIL import Image
 
 import vamvs
 
-WIDTH = 480  # of a picture's column, pixels
+WIDTH = 384  # of a picture's column, pixels
 
 
 def colours(values, valid):
@@ -24,13 +24,13 @@ def colours(values, valid):
     return image
 
 
-def row(view):
-    """The photograph, the depth map, the normals and the confidence of a view, side by side."""
+def row(view, cloud):
+    """The photograph, depth map, normals and confidence of a view, and the cloud seen from there, side by side."""
     valid = view.depth > 0
     normal = (127.5 + 127.5 * view.normal).astype(np.uint8)
     normal[~valid] = 40
     confidence = np.repeat((255 * view.confidence).astype(np.uint8)[..., None], 3, axis=-1)
-    parts = [view.colour, colours(view.depth, valid), normal, confidence]
+    parts = [view.colour, colours(view.depth, valid), normal, confidence, seen(cloud, view)]
     height = WIDTH * view.depth.shape[0] // view.depth.shape[1]
     return np.hstack([np.asarray(Image.fromarray(part).resize((WIDTH, height))) for part in parts])
 
@@ -54,16 +54,12 @@ def main():
     scene = vamvs.Scene.from_colmap(model, images)
     maps = []
     for view in scene.depth_maps(weights="vis-corr", max_size=800):
-        print(f"{view.name}: depth for {100 * (view.depth > 0).mean():.0f} % of {view.depth.shape[1]}x{view.depth.shape[0]}")
+        height, width = view.depth.shape
+        print(f"{view.name}: depth for {100 * (view.depth > 0).mean():.0f} % of {width}x{height}")
         maps.append(view)
     cloud = vamvs.fuse(maps)
     print(f"{len(cloud)} points")
-    first = maps[0]
-    rows = [row(view) for view in maps[:3]]
-    cloud_row = np.full_like(rows[0], 40)
-    beside = Image.fromarray(seen(cloud, first)).resize((WIDTH, rows[0].shape[0]))
-    cloud_row[:, :WIDTH] = np.asarray(beside)
-    Image.fromarray(np.vstack([*rows, cloud_row])).save(picture)
+    Image.fromarray(np.vstack([row(view, cloud) for view in maps[:3]])).save(picture)
 
 
 if __name__ == "__main__":
