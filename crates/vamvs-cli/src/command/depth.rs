@@ -46,40 +46,47 @@ pub fn estimate(
     settings: &Settings,
     progress: &Progress,
 ) -> Result<DepthSummary> {
-    settings.use_threads()?;
-    let _blocks = KeptBlocks::begin();
-    let out = OutputFolder::new(&arguments.out());
-    let work = prepared(settings, &out, progress)?;
-    say_work(&work, progress);
-    let job = DepthJob { work: &work, output: &out, force: arguments.force };
-    begin(&job, settings)?;
-    let summary = vamvs::estimate(&job, &mut |event| progress.show(event))?;
-    say_summary(&summary, progress);
-    Ok(summary)
+    with_job(arguments, settings, progress, |job| {
+        say_work(job.work, progress);
+        begin(job, settings)?;
+        Ok(vamvs::estimate(job, &mut |event| progress.show(event))?)
+    })
 }
 
-/// Does one step of a run that is spread over processes.
+/// Does one step, for a part of the views where it is one.
 fn estimate_step(
     arguments: &DepthArguments,
     settings: &Settings,
     (task, flags): (DepthTask, &DepthStepFlags),
     progress: &Progress,
 ) -> Result<DepthSummary> {
+    with_job(arguments, settings, progress, |job| {
+        let mut show = |event| progress.show(event);
+        let part = || flags.part.context("--part is missing");
+        let summary = match task {
+            DepthTask::Photometric => estimate_part(job, DepthStep::Photometric, part()?, &mut show)?,
+            DepthTask::Geometric => estimate_part(job, DepthStep::Geometric, part()?, &mut show)?,
+            DepthTask::Collect => {
+                let parts = flags.parts.context("--parts is missing")?.get();
+                collect(job, parts, &mut show)?
+            }
+        };
+        Ok(summary)
+    })
+}
+
+/// Prepares the job, runs it, and says what was done.
+fn with_job(
+    arguments: &DepthArguments,
+    settings: &Settings,
+    progress: &Progress,
+    run: impl FnOnce(&DepthJob<'_>) -> Result<DepthSummary>,
+) -> Result<DepthSummary> {
     settings.use_threads()?;
     let _blocks = KeptBlocks::begin();
     let out = OutputFolder::new(&arguments.out());
     let work = prepared(settings, &out, progress)?;
-    let job = DepthJob { work: &work, output: &out, force: arguments.force };
-    let mut show = |event| progress.show(event);
-    let part = || flags.part.context("--part is missing");
-    let summary = match task {
-        DepthTask::Photometric => estimate_part(&job, DepthStep::Photometric, part()?, &mut show)?,
-        DepthTask::Geometric => estimate_part(&job, DepthStep::Geometric, part()?, &mut show)?,
-        DepthTask::Collect => {
-            let parts = flags.parts.context("--parts is missing")?.get();
-            collect(&job, parts, &mut show)?
-        }
-    };
+    let summary = run(&DepthJob { work: &work, output: &out, force: arguments.force })?;
     say_summary(&summary, progress);
     Ok(summary)
 }
