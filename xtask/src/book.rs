@@ -15,7 +15,7 @@ use crate::{cargo, setup};
 const MDBOOK: &str = "0.5.4";
 
 /// Documents outside of `docs/`, which has all the others and the pictures.
-const DOCUMENTS: [&str; 15] = [
+const DOCUMENTS: [&str; 18] = [
     "README.md",
     "ARCHITECTURE.md",
     "CHANGELOG.md",
@@ -24,6 +24,9 @@ const DOCUMENTS: [&str; 15] = [
     "models/README.md",
     "crates/vamvs/examples/embed.rs",
     "crates/vamvs/examples/in_memory.rs",
+    "crates/vamvs-python/examples/depth_maps.py",
+    "workflow/Snakefile",
+    "workflow/slurm.sh",
     "crates/vamvs-python/README.md",
     "weights/hold-out.txt",
     "weights/photometric.md",
