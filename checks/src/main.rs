@@ -1,5 +1,6 @@
 //! The demo, and checks of the built `vamvs` command that take long. `cargo xtask COMMAND` builds both and starts them.
 
+mod aerial;
 mod convert;
 mod demo;
 mod frames;
@@ -27,6 +28,7 @@ enum Command {
     Real(real::Real),
     Paper(paper::Paper),
     Stress(stress::Stress),
+    Aerial(aerial::Aerial),
     Soak(soak::Soak),
     ReportCheck(report_check::ReportCheck),
 }
@@ -38,6 +40,7 @@ fn main() -> ExitCode {
         Command::Real(real) => real.run(),
         Command::Paper(paper) => paper.run(),
         Command::Stress(stress) => stress.run(),
+        Command::Aerial(aerial) => aerial.run(),
         Command::Soak(soak) => soak.run(),
         Command::ReportCheck(check) => check.run(),
     };

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{ChildStdout, Command, Stdio};
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
@@ -57,7 +58,7 @@ pub fn reconstruct(arguments: &[impl AsRef<OsStr>], out: &Path) -> Result<Recons
 /// Runs a command with `--json` and returns what it prints; its messages go to the terminal.
 pub fn told<T: DeserializeOwned>(command: &mut Command) -> Result<T> {
     command.arg("--json");
-    println!("── {}", spelled(command));
+    println!("── {}", command_line(command));
     let output = command.stderr(Stdio::inherit()).output().context("vamvs could not be started")?;
     ensure!(output.status.success(), "vamvs failed ({}); its message is above", output.status);
     serde_json::from_slice(&output.stdout).context("what `vamvs --json` printed")
@@ -75,12 +76,24 @@ pub struct Taken {
 
 /// Runs a command with `--json` and `--quiet`; what it prints, and what it took.
 pub fn measured<T: DeserializeOwned>(command: &mut Command) -> Result<(T, Taken)> {
-    command.args(["--json", "--quiet"]).stdout(Stdio::piped());
-    println!("── {}", spelled(command));
+    let read = |output| serde_json::from_reader(output).context("what `vamvs --json` printed");
+    timed(command.args(["--json", "--quiet"]), read)
+}
+
+/// Runs a command with `--quiet`; the number of lines that it prints, and what it took.
+pub fn measured_lines(command: &mut Command) -> Result<(usize, Taken)> {
+    let count =
+        |output| BufReader::new(output).lines().try_fold(0, |count, line| Ok(line.map(|_| count + 1)?));
+    timed(command.arg("--quiet"), count)
+}
+
+/// Runs a command; what `read` makes of its output, and what it took.
+fn timed<T>(command: &mut Command, read: impl Fn(ChildStdout) -> Result<T>) -> Result<(T, Taken)> {
+    println!("── {}", command_line(command));
     let start = Instant::now();
-    let mut child = command.spawn().context("vamvs could not be started")?;
+    let mut child = command.stdout(Stdio::piped()).spawn().context("vamvs could not be started")?;
     let output = child.stdout.take().context("vamvs has no output")?;
-    let told = serde_json::from_reader(output);
+    let told = read(output);
     let ended = child.wait4().context("vamvs was lost")?;
     ensure!(ended.status.success(), "vamvs failed ({}); its message is above", ended.status);
     let taken = Taken {
@@ -88,7 +101,7 @@ pub fn measured<T: DeserializeOwned>(command: &mut Command) -> Result<(T, Taken)
         processor_seconds: (ended.rusage.utime + ended.rusage.stime).as_secs_f64(),
         peak_bytes: ended.rusage.maxrss,
     };
-    Ok((told.context("what `vamvs --json` printed")?, taken))
+    Ok((told?, taken))
 }
 
 /// The release build, beside the build that this program is of.
@@ -97,7 +110,7 @@ pub fn binary() -> Result<PathBuf> {
 }
 
 /// The command as one would type it.
-fn spelled(command: &Command) -> String {
+fn command_line(command: &Command) -> String {
     let arguments = command.get_args().map(|argument| argument.to_string_lossy());
     std::iter::once("vamvs".into()).chain(arguments).collect::<Vec<_>>().join(" ")
 }

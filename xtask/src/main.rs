@@ -50,6 +50,8 @@ enum Command {
     Paper(Check),
     /// Fuse a scene of many depth maps within several memory budgets, and compare results, time and memory.
     Stress(Check),
+    /// Plan a run of many aerial photographs, and tell time and memory.
+    Aerial(Check),
     /// Run small random reconstructions, disturb them, and compare what they end with.
     Soak(Check),
     /// Open a report in headless Chromium: fail on any message on its console or an empty cloud, take a picture.
@@ -72,6 +74,7 @@ fn main() -> ExitCode {
         Command::Real(check) => check.run("real"),
         Command::Paper(check) => check.run("paper"),
         Command::Stress(check) => check.run("stress"),
+        Command::Aerial(check) => check.run("aerial"),
         Command::Soak(check) => check.run("soak"),
         Command::ReportCheck(check) => check.run("report-check"),
     };

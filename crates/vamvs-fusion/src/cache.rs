@@ -14,18 +14,18 @@ use crate::photometric::FilteredView;
 const LOADING: usize = 3;
 
 /// A view as a pass needs it.
-pub(crate) trait Held: Send + Sync {
+pub(crate) trait MemorySize: Send + Sync {
     /// Bytes held in memory.
     fn bytes(&self) -> usize;
 }
 
-impl Held for FilteredView {
+impl MemorySize for FilteredView {
     fn bytes(&self) -> usize {
         self.bytes()
     }
 }
 
-impl Held for SeenView {
+impl MemorySize for SeenView {
     fn bytes(&self) -> usize {
         self.bytes()
     }
@@ -39,7 +39,7 @@ type Load<'a, T> = dyn Fn(usize) -> Result<T, FuseError> + Sync + 'a;
 pub(crate) struct ViewCache<'a, T> {
     load: Box<Load<'a, T>>,
     capacity: usize,
-    held: BTreeMap<usize, Use<T>>,
+    held: BTreeMap<usize, CachedView<T>>,
     clock: u64,
     /// Bytes of the largest view so far: what the next one is expected to take.
     largest: usize,
@@ -49,12 +49,12 @@ pub(crate) struct ViewCache<'a, T> {
     most: usize,
 }
 
-struct Use<T> {
+struct CachedView<T> {
     view: Arc<T>,
     last: u64,
 }
 
-impl<'a, T: Held> ViewCache<'a, T> {
+impl<'a, T: MemorySize> ViewCache<'a, T> {
     pub fn new(capacity: usize, load: impl Fn(usize) -> Result<T, FuseError> + Sync + 'a) -> Self {
         let load = Box::new(load);
         Self { load, capacity, held: BTreeMap::new(), clock: 0, largest: 0, set_aside: 0, most: 0 }
@@ -131,7 +131,7 @@ impl<'a, T: Held> ViewCache<'a, T> {
     fn hold(&mut self, views: &[usize], loaded: Vec<T>) {
         for (&view, loaded) in views.iter().zip(loaded) {
             self.largest = self.largest.max(loaded.bytes());
-            self.held.insert(view, Use { view: Arc::new(loaded), last: self.clock });
+            self.held.insert(view, CachedView { view: Arc::new(loaded), last: self.clock });
         }
         self.most = self.most.max(self.bytes() + self.loading(views.len()));
     }
@@ -174,7 +174,7 @@ mod tests {
 
     struct Number(usize);
 
-    impl Held for Number {
+    impl MemorySize for Number {
         fn bytes(&self) -> usize {
             VIEW_BYTES
         }

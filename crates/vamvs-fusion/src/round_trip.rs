@@ -183,8 +183,8 @@ fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
         let (u, v) = if inside { (u, v) } else { (0.5, 0.5) };
         let (du, dv) = (o.x - o.z * u, o.y - o.z * v);
         answers.parallax[lane] = (du * du + dv * dv).sqrt() * (w * per_z).abs() * pair.radians_per_pixel;
-        let left = whole(least(most(u - 0.5, 0.0), width - 2.0));
-        let top = whole(least(most(v - 0.5, 0.0), height - 2.0));
+        let left = whole(fmin(fmax(u - 0.5, 0.0), width - 2.0));
+        let top = whole(fmin(fmax(v - 0.5, 0.0), height - 2.0));
         seen.at[0][lane] = u;
         seen.at[1][lane] = v;
         seen.inverse_depth[lane] = w * per_z;
@@ -220,7 +220,7 @@ fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes<[f32; 2]>; 2], answers:
     let mut at = [[0.0; LANES]; 2];
     for lane in 0..LANES {
         let ([a, b], [c, d]) = (corners[0][lane], corners[1][lane]);
-        let (lowest, highest) = (least(least(a, b), least(c, d)), most(most(a, b), most(c, d)));
+        let (lowest, highest) = (fmin(fmin(a, b), fmin(c, d)), fmax(fmax(a, b), fmax(c, d)));
         let (left, top) = (seen.corner[0][lane], seen.corner[1][lane]);
         let (s, t) = (seen.at[0][lane] - 0.5 - left, seen.at[1][lane] - 0.5 - top);
         let (upper, lower) = (a + s * (b - a), c + s * (d - c));
@@ -263,7 +263,7 @@ fn come_back(
         let (dx, dy) = (x - strip.x[lane] * z, y - strip.y * z);
         let way = (dx * dx + dy * dy).sqrt() / (pair.max_reprojection * z);
         let sees = inside[lane] & (w > 0.0) & (z > 0.0);
-        answers.error[lane] = if sees { most(depth_error, way) } else { f32::INFINITY };
+        answers.error[lane] = if sees { fmax(depth_error, way) } else { f32::INFINITY };
         answers.back[0][lane] = x;
         answers.back[1][lane] = y;
         answers.back[2][lane] = z;
@@ -274,17 +274,17 @@ fn come_back(
 #[inline(always)]
 fn whole(coordinate: f32) -> i32 {
     // SAFETY: coordinates are clamped to 0 and a raster's size, which is far below 2³¹; they are never NaN because
-    // `most` gives its second argument then.
+    // `fmax` gives its second argument then.
     unsafe { coordinate.to_int_unchecked() }
 }
 
 #[inline(always)]
-fn least(a: f32, b: f32) -> f32 {
+fn fmin(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 #[inline(always)]
-fn most(a: f32, b: f32) -> f32 {
+fn fmax(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 

@@ -80,7 +80,7 @@ struct Camera<'a> {
 
 impl CloudView {
     /// The view of a cloud of `total` points that these cameras saw; `taken` are its points at the
-    /// indices [`CloudView::taken_of`].
+    /// indices [`CloudView::sample_indices`].
     #[must_use]
     pub fn new(total: usize, taken: &[CloudPoint], cameras: Vec<ShownCamera>) -> Self {
         let packed = PackedCloud::new(total, taken);
@@ -94,8 +94,8 @@ impl CloudView {
 
     /// Ascending indices of the points to take from a cloud of `total`: at most 300 000, evenly.
     #[must_use]
-    pub fn taken_of(total: usize) -> Vec<usize> {
-        packed::taken_of(total)
+    pub fn sample_indices(total: usize) -> Vec<usize> {
+        packed::sample_indices(total)
     }
 
     /// The view as a part of a page.

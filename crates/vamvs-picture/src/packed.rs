@@ -62,7 +62,7 @@ impl PackedCloud {
 
 /// Ascending indices of the points to take from a cloud of `total`: at most 300 000, evenly.
 #[must_use]
-pub fn taken_of(total: usize) -> Vec<usize> {
+pub fn sample_indices(total: usize) -> Vec<usize> {
     evenly(total, MOST).collect()
 }
 

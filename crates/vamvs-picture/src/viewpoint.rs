@@ -38,7 +38,7 @@ impl Viewpoint {
         size: Size,
     ) -> Self {
         let to_eye = to_eye.normalize();
-        let up = if to_eye.cross(&up.normalize()).norm() > 0.05 { *up } else { aside(&to_eye) };
+        let up = if to_eye.cross(&up.normalize()).norm() > 0.05 { *up } else { perpendicular(&to_eye) };
         let turned = Pose::look_at(&to_eye, &Vector3::zeros(), &up).rotation;
         let points: Vec<_> = sample(cloud).map(|point| turned * Vector3::from(point.x_in_world)).collect();
         let middle = |axis: usize| {
@@ -62,7 +62,7 @@ pub fn best_direction(cloud: &[CloudPoint], up: &Vector3<f64>) -> Vector3<f64> {
     let seen = |direction: &Vector3<f64>| normals.iter().map(|n| n.dot(direction).max(0.0)).sum::<f64>();
     let candidates = sphere(DIRECTIONS).filter(|direction| (-0.1..0.8).contains(&direction.dot(&up)));
     let best = candidates.map(|direction| (seen(&direction), direction)).max_by(|a, b| a.0.total_cmp(&b.0));
-    best.map_or(aside(&up), |(_, direction)| direction)
+    best.map_or(perpendicular(&up), |(_, direction)| direction)
 }
 
 /// `direction` after a walk around the cloud, `angle` degrees to the right.
@@ -123,7 +123,7 @@ fn sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
 }
 
 /// A direction at right angles to `direction`.
-fn aside(direction: &Vector3<f64>) -> Vector3<f64> {
+fn perpendicular(direction: &Vector3<f64>) -> Vector3<f64> {
     let axis = Vector3::ith(direction.iamin(), 1.0);
     direction.cross(&axis).normalize()
 }

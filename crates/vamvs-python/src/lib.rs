@@ -20,7 +20,7 @@ create_exception!(_vamvs, Error, PyException, "What went wrong, with the file, l
 
 /// The error as Python sees it.
 fn error(error: &VamvsError) -> PyErr {
-    Error::new_err(error.in_full())
+    Error::new_err(error.with_causes())
 }
 
 #[pymodule]

@@ -1,7 +1,7 @@
 //! Keeping a run beneath its ceiling of memory.
 
 use crate::MemoryLimit;
-use crate::memory::{resident_bytes, spelled};
+use crate::memory::{format_bytes, resident_bytes};
 
 /// Watches what the process holds between depth maps.
 pub(crate) struct Ceiling {
@@ -30,9 +30,9 @@ impl Ceiling {
             format!(
                 "memory is short: a depth map takes about {}, {} are in use already, and {} are allowed \
                  (--max-memory); features of photographs are not kept",
-                spelled(self.needed),
-                spelled(resident_bytes().unwrap_or(0)),
-                spelled(self.limit)
+                format_bytes(self.needed),
+                format_bytes(resident_bytes().unwrap_or(0)),
+                format_bytes(self.limit)
             )
         })
     }

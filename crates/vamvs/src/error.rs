@@ -76,7 +76,7 @@ impl VamvsError {
 
     /// The error and its causes in one line.
     #[must_use]
-    pub fn in_full(&self) -> String {
+    pub fn with_causes(&self) -> String {
         let causes = std::iter::successors(Some(self as &dyn std::error::Error), |error| error.source());
         let mut texts: Vec<String> = causes.map(ToString::to_string).collect();
         texts.dedup();

@@ -4,7 +4,7 @@ use vamvs_core::Scene;
 use vamvs_net::{Device, Estimator};
 
 use crate::event::{OnEvent, tell};
-use crate::memory::spelled;
+use crate::memory::format_bytes;
 use crate::{DepthOptions, Event, Photographs, Plan, VamvsError, ViewPlan};
 
 /// Factor from one tried size of photographs to the next.
@@ -30,7 +30,7 @@ pub(crate) fn fit_to_memory(
     on_event: &mut OnEvent<'_>,
 ) -> Result<(Photographs, Plan), VamvsError> {
     let plan = crate::plan(scene, photographs, options)?;
-    let (free, needed) = (options.max_memory.left(), most_bytes(&plan, estimator));
+    let (free, needed) = (options.max_memory.remaining(), most_bytes(&plan, estimator));
     if needed <= free || estimator.network().device() != Device::Cpu {
         return Ok((photographs.clone(), plan));
     }
@@ -41,10 +41,10 @@ pub(crate) fn fit_to_memory(
     let size = longest_side(&plan);
     let text = format!(
         "a depth map takes about {}, and {} of --max-memory {} are free: it is made in smaller pieces, of photographs of {size} pixels, and takes about {}",
-        spelled(needed),
-        spelled(free),
+        format_bytes(needed),
+        format_bytes(free),
         options.max_memory,
-        spelled(most_bytes(&plan, estimator)),
+        format_bytes(most_bytes(&plan, estimator)),
     );
     tell(on_event, Event::Warning(text))?;
     Ok((photographs, plan))

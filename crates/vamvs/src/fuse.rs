@@ -12,7 +12,7 @@ pub use parts::PartialFusion;
 
 use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
-use crate::memory::spelled;
+use crate::memory::format_bytes;
 use crate::output::LeftOut;
 use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError};
 
@@ -72,9 +72,9 @@ fn write_cloud(
     run: impl FnOnce(&mut Sink<'_>, &mut OnEvent<'_>) -> Result<FuseReport, VamvsError>,
     on_event: &mut OnEvent<'_>,
 ) -> Result<FuseSummary, VamvsError> {
-    let alone = alone(maps, neighbours, options.filter.min_views);
-    alone.iter().try_for_each(|view| tell(on_event, Event::left_out(view)))?;
-    let skipped = [maps.left_out(), &alone].concat();
+    let lone = views_without_neighbours(maps, neighbours, options.filter.min_views);
+    lone.iter().try_for_each(|view| tell(on_event, Event::left_out(view)))?;
+    let skipped = [maps.left_out(), &lone].concat();
     let mut exporter = Exporter::begin(maps, cloud, exports)?;
     let begin = Instant::now();
     let report = run(&mut |fused| Ok(exporter.push(fused)?), on_event)?;
@@ -109,20 +109,20 @@ pub(crate) fn merge<S: MapSource + ?Sized>(
 
 /// The memory for depth maps, bytes.
 fn working_memory(limit: MemoryLimit) -> u64 {
-    let left = limit.left();
-    left - left / SPARE
+    let remaining = limit.remaining();
+    remaining - remaining / SPARE
 }
 
 /// The views with too few neighbours to confirm a point.
-fn alone(maps: &Maps, neighbours: &[Vec<usize>], min_views: usize) -> Vec<LeftOut> {
-    let places = neighbours.iter().map(|others| maps.places(others));
-    let alone = maps.names().iter().zip(places).filter(|(_, others)| others + 1 < min_views);
+fn views_without_neighbours(maps: &Maps, neighbours: &[Vec<usize>], min_views: usize) -> Vec<LeftOut> {
+    let counts = neighbours.iter().map(|others| maps.camera_centre_count(others));
+    let lone = maps.names().iter().zip(counts).filter(|(_, others)| others + 1 < min_views);
     let reason = |count| {
         format!(
             "{count} other view(s) see the same surfaces, and {min_views} must agree on a point, its own included (--min-views)"
         )
     };
-    alone.map(|(name, others)| LeftOut { view: name.clone(), reason: reason(others) }).collect()
+    lone.map(|(name, others)| LeftOut { view: name.clone(), reason: reason(others) }).collect()
 }
 
 /// Warns if fusion took more memory than it should.
@@ -135,7 +135,7 @@ fn warn_of_memory(
     if taken > given {
         let text = format!(
             "fusion took {} more than the limit of {limit}: a depth map and its neighbours must be in memory at the same time (--max-memory, --neighbours)",
-            spelled(taken - given)
+            format_bytes(taken - given)
         );
         tell(on_event, Event::Warning(text))?;
     }

@@ -37,7 +37,7 @@ impl MemoryLimit {
 
     /// Bytes that the process may take in addition to what it holds now; 0 if it holds more.
     #[must_use]
-    pub fn left(self) -> u64 {
+    pub fn remaining(self) -> u64 {
         self.bytes().saturating_sub(resident_bytes().unwrap_or(0))
     }
 }
@@ -88,7 +88,7 @@ impl fmt::Display for MemoryLimit {
 
 /// A number of bytes for people, such as `1.5 GiB`.
 #[must_use]
-pub fn spelled(bytes: u64) -> String {
+pub fn format_bytes(bytes: u64) -> String {
     ByteSize(bytes).to_string()
 }
 
@@ -153,8 +153,8 @@ mod tests {
     fn a_share_is_of_the_machines_memory_and_what_is_held_is_taken_off() {
         let all = MemoryLimit::Percent(100).bytes();
         assert!(all > 1 << 28 && MemoryLimit::Percent(50).bytes() <= all / 2);
-        let left = MemoryLimit::Percent(100).left();
-        assert!(0 < left && left < all);
-        assert_eq!(MemoryLimit::Bytes(1).left(), 0);
+        let remaining = MemoryLimit::Percent(100).remaining();
+        assert!(0 < remaining && remaining < all);
+        assert_eq!(MemoryLimit::Bytes(1).remaining(), 0);
     }
 }

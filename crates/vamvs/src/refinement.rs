@@ -21,7 +21,7 @@ pub(crate) struct Refinement<'a> {
     photographs: Photographs,
     options: RefineOptions,
     /// Whether a second pass follows.
-    has_more: bool,
+    geometric_follows: bool,
     kept: PhotoCache,
     /// Time that reading photographs took.
     pub reading: Duration,
@@ -42,14 +42,14 @@ pub(crate) struct Seed<'a> {
 }
 
 impl<'a> Refinement<'a> {
-    /// Uses `photographs` at full size, before the reduction for the network. `has_more`: whether a
+    /// Uses `photographs` at full size, before the reduction for the network. `geometric_follows`: whether a
     /// second pass follows.
-    pub fn new(scene: &'a Scene, photographs: &Photographs, has_more: bool) -> Self {
+    pub fn new(scene: &'a Scene, photographs: &Photographs, geometric_follows: bool) -> Self {
         Self {
             scene,
             photographs: photographs.full(),
             options: RefineOptions::default(),
-            has_more,
+            geometric_follows,
             kept: PhotoCache::default(),
             reading: Duration::ZERO,
             refining: Duration::ZERO,
@@ -72,8 +72,11 @@ impl<'a> Refinement<'a> {
         let limited = limited.as_ref().unwrap_or(&reference);
         let others: Vec<&Photo> = others.iter().map(Rc::as_ref).collect();
         let options = self.options;
-        let options =
-            if self.has_more { geometric::first_pass(&options, reference.image.size()) } else { options };
+        let options = if self.geometric_follows {
+            geometric::first_pass(&options, reference.image.size())
+        } else {
+            options
+        };
         let refined = refine(limited, &others, seed.map, seed.visibility, &options)?;
         self.refining += begin.elapsed();
         Ok((refined, reference))

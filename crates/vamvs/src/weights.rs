@@ -70,7 +70,7 @@ mod tests {
         assert!(!is_built_in(Path::new("./vis-max")) && !is_built_in(Path::new("vis-max.pt")));
         let normal = Quality::Normal.weights();
         assert_eq!(bytes(None).unwrap(), bytes(Some(Path::new(normal))).unwrap());
-        let error = bytes(Some(Path::new("absent/net.pt"))).unwrap_err().in_full();
+        let error = bytes(Some(Path::new("absent/net.pt"))).unwrap_err().with_causes();
         assert!(error.contains("net.pt"), "{error}");
     }
 

@@ -195,11 +195,11 @@ impl Graph<'_> {
     }
 
     fn fuse_command(&self, flags: [String; 4]) -> Vec<String> {
-        self.command(vec!["vamvs".to_owned(), "fuse".to_owned(), spelled(self.out)], flags)
+        self.command(vec!["vamvs".to_owned(), "fuse".to_owned(), path_text(self.out)], flags)
     }
 
     fn command(&self, start: Vec<String>, flags: [String; 4]) -> Vec<String> {
-        let config = ["--quiet".to_owned(), "--config".to_owned(), spelled(&self.out.join("run.toml"))];
+        let config = ["--quiet".to_owned(), "--config".to_owned(), path_text(&self.out.join("run.toml"))];
         start.into_iter().chain(config).chain(flags).collect()
     }
 
@@ -224,6 +224,6 @@ fn numbered(part: Part) -> String {
     part.to_string().replace('/', "-of-")
 }
 
-fn spelled(path: &Path) -> String {
+fn path_text(path: &Path) -> String {
     path.to_string_lossy().into_owned()
 }

@@ -84,7 +84,7 @@ impl<'a> DepthMaps<'a> {
             Ok(maps) => maps,
             Err(VamvsError::Cancelled) => return Err(VamvsError::Cancelled),
             Err(error) => {
-                let left_out = LeftOut { view: name, reason: error.in_full() };
+                let left_out = LeftOut { view: name, reason: error.with_causes() };
                 return tell(&mut self.on_event, Event::left_out(&left_out));
             }
         };
@@ -129,7 +129,7 @@ impl<'a> DepthMaps<'a> {
         }
         let made = match self.made(view, plan) {
             Err(VamvsError::Cancelled) => return Err(VamvsError::Cancelled),
-            Err(error) => Err(error.in_full()),
+            Err(error) => Err(error.with_causes()),
             Ok(maps) => {
                 let finest = maps.into_iter().next_back().map(|made| {
                     let MadeMap { map, normals, .. } = made;

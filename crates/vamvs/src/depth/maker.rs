@@ -95,7 +95,7 @@ impl<'a> Maker<'a> {
     pub fn new(work: &'a Prepared) -> Self {
         let for_maps = most_bytes(&work.plan, &work.estimator).max(work.refinement_bytes());
         let limit = work.options.max_memory;
-        let capacity = limit.left().saturating_sub(for_maps) as usize;
+        let capacity = limit.remaining().saturating_sub(for_maps) as usize;
         let kept = (capacity, work.options.views + BESIDE);
         let (scene, photographs) = (&work.scene, &work.photographs);
         let two_passes = work.has_two_passes();
@@ -202,7 +202,7 @@ impl<'a> Maker<'a> {
         if let Err(error) = &encoded
             && !error.ends_run()
         {
-            self.unusable.insert(view, error.in_full());
+            self.unusable.insert(view, error.with_causes());
         }
         encoded
     }

@@ -56,7 +56,7 @@ impl Run<'_> {
             let (name, begin) = (self.work.scene.views[view].name.clone(), Instant::now());
             let resumed = self.done.contains(&view);
             if !resumed && let Err(error) = self.refine_again(view)? {
-                self.leave_out(view, LeftOut { view: name, reason: error.in_full() }, on_event)?;
+                self.leave_out(view, LeftOut { view: name, reason: error.with_causes() }, on_event)?;
                 continue;
             }
             self.count(resumed);

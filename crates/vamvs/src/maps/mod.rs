@@ -90,7 +90,7 @@ impl Maps {
     /// # Errors
     /// If fewer than two remain.
     pub fn readable(mut self, on_event: &mut OnEvent<'_>) -> Result<Self, VamvsError> {
-        let problem = |view: usize| Ok(self.checked(view).err().map(|error| error.in_full()));
+        let problem = |view: usize| Ok(self.checked(view).err().map(|error| error.with_causes()));
         let problems = for_all_views(self.len(), problem, &mut |_| Ok(()))?;
         let kept: Vec<usize> = (0..self.len()).filter(|&view| problems[view].is_none()).collect();
         let names = self.names.iter().cloned().zip(problems);
@@ -170,13 +170,13 @@ impl Maps {
     #[must_use]
     pub fn neighbours(&self, count: usize) -> Vec<Vec<usize>> {
         let all: Vec<usize> = (0..self.len()).collect();
-        let maps = self.len().div_ceil(self.places(&all).max(1));
+        let maps = self.len().div_ceil(self.camera_centre_count(&all).max(1));
         let views = |sources: Vec<Source>| sources.iter().map(|source| source.view).collect();
         view_selection::select(&self.scene, &self.cameras, count * maps).into_iter().map(views).collect()
     }
 
     /// The number of camera centres of these views: maps of one photograph (`--fovea`) share one.
-    pub(crate) fn places(&self, views: &[usize]) -> usize {
+    pub(crate) fn camera_centre_count(&self, views: &[usize]) -> usize {
         let bits = |&view: &usize| -> [u64; 3] {
             let centre: [f64; 3] = self.pose(view).centre().into();
             centre.map(f64::to_bits)

@@ -81,7 +81,7 @@ impl<'a> Run<'a> {
                     let (pass, time) = (Pass::Final, begin.elapsed());
                     tell(on_event, Event::DepthMap { name, pass, done, total, resumed, time })?;
                 }
-                Err(error) => self.leave_out(name, error.in_full(), on_event)?,
+                Err(error) => self.leave_out(name, error.with_causes(), on_event)?,
             }
         }
         self.first.remove(&names)?;
@@ -186,9 +186,9 @@ impl<'a> Run<'a> {
         let sources: Vec<&Photo> = sources.iter().map(Rc::as_ref).collect();
         let begin = Instant::now();
         let options = *self.job.options;
-        let has_more = self.job.geometric;
+        let geometric_follows = self.job.geometric;
         let options =
-            if has_more { geometric::first_pass(&options, reference.image.size()) } else { options };
+            if geometric_follows { geometric::first_pass(&options, reference.image.size()) } else { options };
         let refined = refine_view(&reference, &sources, &seed, &[], &options)?;
         self.summary.photometric += begin.elapsed();
         Ok(refined)
