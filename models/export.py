@@ -13,8 +13,8 @@ from vis_corr import STRIDES, VisCorr
 
 
 def copy_common(weights: dict[str, Tensor], module: nn.Module) -> None:
-    """Takes over what both have. Where a layer has more input channels than the other's, it begins by
-    ignoring them."""
+    """Copies the weights of all layers that both networks have. If the module's layer has more input channels, the
+    weights of the additional ones become zero."""
     own = module.state_dict()
     taken = 0
     for name, value in weights.items():
@@ -26,16 +26,18 @@ def copy_common(weights: dict[str, Tensor], module: nn.Module) -> None:
             target.zero_()
             same.copy_(value)
             taken += 1
-    print(f"{taken} of {len(own)} tensors are taken over")
+    print(f"{taken} of {len(own)} tensors copied")
 
 
 def flow(weights: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Those of the flow, which shares none with the coarse part."""
+    """The weights of the flow, which shares none with the coarse stage. Of vis-corr, whose pyramid serves both stages,
+    only those of the flow network."""
     return {name: value for name, value in weights.items() if name.split(".")[0] in ("flow_images", "pair_flow", "flow_net")}
 
 
 def mean(networks: list[torch.jit.ScriptModule]) -> dict[str, Tensor]:
-    """The mean of their weights: of a network and what it became by more training, often better than both."""
+    """The mean of the networks' weights. The mean of a network before and after more training is often better than
+    both."""
     states = [network.state_dict() for network in networks]
     means = {}
     for name, value in states[0].items():
@@ -46,7 +48,7 @@ def mean(networks: list[torch.jit.ScriptModule]) -> dict[str, Tensor]:
 
 
 def trained_on(networks: list[torch.jit.ScriptModule]) -> list[str]:
-    """Each of their runs once."""
+    """The training runs of the networks, each once."""
     runs = [run for network in networks for run in json.loads(network.manifest())["trained_on"].split("; ")]
     return list(dict.fromkeys(runs))
 
@@ -56,42 +58,42 @@ def main() -> None:
     parser.add_argument("network", choices=("photometric", "vis-corr", *AGGREGATIONS))
     parser.add_argument("out", help="the .pt file to write")
     parser.add_argument("--norm", choices=NORMS, default="batch", help="normalisation of the learned networks")
-    parser.add_argument("--thin", type=int, default=1, help="divide all channels by this: small networks to test with")
-    parser.add_argument("--neighbours", type=int, default=NEIGHBOURS, help="of a point; 1: itself alone")
+    parser.add_argument("--thin", type=int, default=1, help="divide all channels by this, for small test networks")
+    parser.add_argument("--neighbours", type=int, default=NEIGHBOURS, help="neighbours of a point; 1: only itself")
     parser.add_argument(
         "--hypotheses", type=int, default=HYPOTHESES, help="to each side of a point; 0: regress the offset directly"
     )
     parser.add_argument("--no-plane-depth", action="store_true", help="vis-var: visibility without the plane's depth")
-    parser.add_argument("--no-image-features", action="store_true", help="points know their position alone")
+    parser.add_argument("--no-image-features", action="store_true", help="points have no features but their position")
     parser.add_argument(
-        "--matched", action="store_true", help="vis-avg, vis-max: the coarse stage knows what the handcrafted matcher finds"
+        "--matched", action="store_true", help="vis-avg, vis-max: use the handcrafted matcher in the coarse stage"
     )
     parser.add_argument(
-        "--window", type=int, help="the coarse depth is the expectation over so many planes to each side of the likeliest"
+        "--window", type=int, help="soft-argmin over this many planes to each side of the most probable one"
     )
     parser.add_argument(
-        "--completion", type=float, nargs=2, metavar=("STIFFNESS", "POWER"), help="complete depth on textureless surfaces at 1/8"
+        "--completion", type=float, nargs=2, metavar=("STIFFNESS", "POWER"), help="depth completion of the coarse maps"
     )
     parser.add_argument(
-        "--guide", type=float, metavar="GREYS", help="joint bilateral upsampling; deviation of colours"
+        "--guide", type=float, metavar="GREYS", help="joint bilateral upsampling: standard deviation of colours"
     )
     parser.add_argument("--coarse-stride", type=int, choices=(8, 4), default=8, help="of the coarse depth map, pixels")
     parser.add_argument("--feature-stride", type=int, choices=STRIDES, default=4, help="vis-corr: stride of the coarse features")
     parser.add_argument(
         "--steps", type=float, nargs=3, default=STEPS, help="between hypotheses at 1/8, 1/4, 1/2, plane distances"
     )
-    parser.add_argument("--flow-sources", type=int, metavar="N", help="the flow looks at the best so many source views")
+    parser.add_argument("--flow-sources", type=int, metavar="N", help="the flow uses only the N best source views")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
     parser.add_argument(
         "--like",
         nargs="+",
         metavar="FILE.pt",
-        help="start from the weights of this network, or the mean of several, in all layers that both have",
+        help="start from the weights of this network, or from the mean of several, in all layers that both have",
     )
     parser.add_argument(
-        "--renew", action="store_true", help="keep all of the manifest of --like too: the same network, its code as it is now"
+        "--renew", action="store_true", help="also keep the manifest of --like: the same network with the current code"
     )
-    parser.add_argument("--flow-like", metavar="FILE.pt", help="the flow's weights of this one instead")
+    parser.add_argument("--flow-like", metavar="FILE.pt", help="take the flow's weights from this network instead")
     arguments = parser.parse_args()
     if arguments.flow_like is not None and arguments.like is None:
         parser.error("--flow-like replaces the flow's weights of --like, which is missing")

@@ -1,7 +1,7 @@
 """Layers shared by the networks: convolution, normalisation and ReLU in 1D, 2D and 3D.
 
-In evaluation mode a BatchNorm is an affine map, so it is folded into the convolution's weights as
-they are used: one pass over the data instead of three. In training mode it is an ordinary BatchNorm.
+In evaluation mode a BatchNorm is an affine map, so it is folded into the convolution's weights at every call:
+one pass over the data instead of three. In training mode it is an ordinary BatchNorm.
 """
 
 from typing import Final, Optional
@@ -14,7 +14,7 @@ NORMS = ("batch", "group")
 
 
 class ChannelNorm(nn.Module):
-    """Each place's channels to zero mean and unit variance, then scaled and shifted: (B, C, ...)."""
+    """Normalises the channels of each position to zero mean and unit variance, then scales and shifts: (B, C, ...)."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -26,9 +26,9 @@ class ChannelNorm(nn.Module):
 
 
 def normalisation(kind: str, channels: int, dims: int, local: bool) -> nn.Module:
-    """`batch`: BatchNorm. `group`: GroupNorm, the same in both modes and for any batch size; where the
-    result must not depend on what is computed together (`local`: planes in slabs, points in strips), over
-    the channels of each place alone."""
+    """The normalisation of a layer. `batch` is BatchNorm. `group` is GroupNorm, which is the same in both modes and for
+    any batch size. If the result must not depend on what is computed together (`local`: planes in slabs, points in
+    strips), `group` normalises only over the channels of each position."""
     if kind == "batch":
         return (nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d)[dims - 1](channels)
     if kind == "group":
@@ -37,14 +37,14 @@ def normalisation(kind: str, channels: int, dims: int, local: bool) -> nn.Module
 
 
 def scale_shift(weight: Tensor, bias: Tensor, mean: Optional[Tensor], var: Optional[Tensor]) -> tuple[Tensor, Tensor]:
-    """BatchNorm in evaluation mode as x → x · scale + shift."""
+    """Scale and shift of a BatchNorm in evaluation mode, which is x → x · scale + shift."""
     assert mean is not None and var is not None
     scale = weight * torch.rsqrt(var + 1e-5)  # PyTorch's default epsilon
     return scale, bias - mean * scale
 
 
 class Conv1d(nn.Module):
-    """A layer of a shared MLP: (C, P) → (C', P). Points are columns of one matrix: one product a layer."""
+    """A layer of a shared MLP: (C, P) → (C', P). Points are the columns of a matrix, so a layer is one product."""
 
     batch: Final[bool]
 
@@ -65,8 +65,8 @@ class Conv1d(nn.Module):
 
 
 class Pair1d(nn.Module):
-    """The first layer of a shared MLP on pairs [a, b], without joining them: a (A, P), b (C, B · P) →
-    (C', B · P). What depends on `a` alone is computed once."""
+    """The first layer of a shared MLP on pairs [a, b], which are not concatenated: a (A, P), b (C, B · P) →
+    (C', B · P). The part that depends on `a` alone is computed once."""
 
     batch: Final[bool]
 
@@ -93,8 +93,8 @@ class Pair1d(nn.Module):
 
 
 class Conv2d(nn.Module):
-    """(B, C, H, W) → (B, C', H/stride, W/stride), output pixels centred on the input's they cover: an odd
-    kernel for stride 1, an even one for stride 2."""
+    """(B, C, H, W) → (B, C', H/stride, W/stride). With an odd kernel for stride 1 and an even one for stride 2, output
+    pixels are centred on the input pixels that they cover."""
 
     batch: Final[bool]
 
@@ -117,7 +117,7 @@ class Conv2d(nn.Module):
 
 
 class Conv3d(nn.Module):
-    """3×3×3: (B, C, D, H, W) → (B, C', D/stride, H/stride, W/stride)."""
+    """3×3×3 convolution: (B, C, D, H, W) → (B, C', D/stride, H/stride, W/stride)."""
 
     batch: Final[bool]
 
@@ -129,7 +129,7 @@ class Conv3d(nn.Module):
         self.norm = normalisation(norm, c_out, 3, False)
 
     def folded(self) -> tuple[Tensor, Tensor]:
-        """Weight and shift of the layer before its ReLU, in evaluation mode with BatchNorm."""
+        """Weight and shift of the convolution with the BatchNorm of evaluation mode folded in."""
         if self.batch:
             n = self.norm
             scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)

@@ -1,12 +1,12 @@
-"""`photometric`: a handcrafted network of the same contract, with nothing learned.
+"""`photometric`: a handcrafted network with the same contract. Nothing is learned.
 
-A classical plane-sweep matcher. Coarse stage: descriptors of oriented gradients at 1/8, similarity to
-each source view by normalised correlation under a robust kernel, the mean over the views, semi-global
-aggregation along the image's rows and columns (Hirschmüller, PAMI 2008). Flow stage:
-normalised patches at 1/2, 1/4 and 1/8, the same robust mean, averaged along the present surface.
+It is a classical plane-sweep matcher. Coarse stage: descriptors of oriented gradients at 1/8, similarity to each
+source view by normalised cross-correlation (NCC) with a robust kernel, the mean over the views, and semi-global
+aggregation along the image's rows and columns (Hirschmüller, PAMI 2008). Flow stage: normalised patches at 1/2 and
+1/4 and the descriptors at 1/8, the same robust mean, averaged over neighbouring points of the same hypothesis.
 
-A source view that does not see the point matches badly there and so adds (nearly) nothing to the mean
-of the robust kernel, while two views that do see it suffice: this is what "vis-avg" stands for here.
+A source view that does not see the point matches badly there and adds almost nothing to the mean of the robust
+kernel, and two views that do see it suffice. In this sense the aggregation is "vis-avg".
 """
 
 import json
@@ -40,11 +40,11 @@ class Photometric(nn.Module):
         )
         self.hypotheses = 2 * HYPOTHESES + 1
         self.matcher = GradientMatcher()
-        # How fast the worth of a match falls with 1 − NCC, and its weight, at 1/2, 1/4, 1/8.
+        # At 1/2, 1/4 and 1/8: channels, sharpness of the robust kernel, and weight of the similarity.
         self.flow_channels = [25, 25, DESCRIPTOR_CHANNELS]
         self.flow_kernel = [4.0, 4.0, 8.0]
         self.flow_weight = [1.0, 1.0, 0.2]
-        # The sharpness of the probabilities of hypotheses.
+        # The factor of the scores, so that softmax(−scores) is a probability.
         self.flow_sharpness = 25.0
 
     @torch.jit.export
@@ -75,7 +75,7 @@ class Photometric(nn.Module):
 
     @torch.jit.export
     def regularize(self, volume: Tensor) -> Tensor:
-        """(B, 1, D, h, w) mean similarities → (B, D, h, w) costs."""
+        """Similarities averaged over the views (B, 1, D, h, w) → costs (B, D, h, w)."""
         return self.matcher.costs(volume[:, 0])
 
     @torch.jit.export
@@ -90,7 +90,8 @@ class Photometric(nn.Module):
 
     @torch.jit.export
     def flow(self, features: Tensor, neighbours: Tensor) -> Tensor:
-        """Scores −Σ similarity, averaged over those neighbours that are the same hypothesis of their pixel."""
+        """Scores: minus the sharpness times the weighted sum of the similarities at the three levels, averaged over the
+        neighbours that have the same hypothesis index as the point."""
         similarity = features[:, 0] * self.flow_weight[0]
         for level in range(1, 3):
             similarity = similarity + features[:, level] * self.flow_weight[level]
@@ -102,7 +103,7 @@ class Photometric(nn.Module):
         return -self.flow_sharpness * mean
 
     def patches(self, grey: Tensor) -> Tensor:
-        """5×5 patches of zero mean and unit length: (B, 1, h, w) → (B, 25, h, w)."""
+        """5×5 patches, normalised to zero mean and unit length: (B, 1, h, w) → (B, 25, h, w)."""
         b, _, h, w = grey.shape
         stacked = F.unfold(F.pad(grey, [2, 2, 2, 2], mode="replicate"), 5).view(b, 25, h, w)
         centred = stacked - stacked.mean(dim=1, keepdim=True)

@@ -1,10 +1,10 @@
 """The network of Chen et al., "Visibility-Aware Point-Based Multi-View Stereo Network" (TPAMI 2020).
 
-Layer sizes are those of the authors' implementation, but for the convolutions that halve the image: 4×4
-instead of 5×5, so that a feature is centred on the pixels it stands for (in the 5×5 ones it sits 0.5, 1.5
-and 3.5 image pixels beside them at the three levels), which is what the geometry around them assumes. The module holds what is learned; the geometry
-between its methods (warping, lifting, neighbours, the reduction over views) is in the Rust crate
-`vamvs-net`. The contract between both is in README.md beside this file.
+Layer sizes are those of the authors' implementation, except for the convolutions that halve the image. They are
+4×4 instead of 5×5, so that a feature is centred on the pixels that it covers, as the geometry around the module
+assumes; with 5×5 it would be shifted by 0.5, 1.5 and 3.5 image pixels at the three levels. The module contains the
+learned part. The geometry between its methods (warping, lifting, neighbours, the reduction over views) is in the Rust
+crate `vamvs-net`. README.md in this folder is the contract between both.
 """
 
 import json
@@ -19,16 +19,16 @@ from matcher import GradientMatcher
 
 AGGREGATIONS = ("avg", "max", "var", "vis-avg", "vis-max", "vis-var")
 NEIGHBOURS = 16
-HYPOTHESES = 2  # to each side of a point (m)
-STEPS = (1.0, 0.75, 0.15)  # between hypotheses in the three flow iterations, plane distances (s)
+HYPOTHESES = 2  # hypotheses to each side of a point (m)
+STEPS = (1.0, 0.75, 0.15)  # distances between hypotheses in the three flow iterations, in plane distances (s)
 POSITION_CHANNELS = 24  # x, y, z, repeated 8 times
 FLOW_CHANNELS = (16, 32, 64)
 CHUNK = 4096  # points whose neighbours are gathered at once, so that they stay in the cache
-PAIRS = 8192  # pairs, or points, that go through a shared MLP at once, likewise
+PAIRS = 8192  # pairs, or points, that go through a shared MLP at once, for the same reason
 
 
 class ImageNet(nn.Module):
-    """Image pyramid (section 3.1): (B, 3, H, W) → 16 channels at 1/2, 32 at 1/4, 64 at 1/8 (over `thin`)."""
+    """Image pyramid (section 3.1): (B, 3, H, W) → 16 channels at 1/2, 32 at 1/4, 64 at 1/8, each divided by `thin`."""
 
     def __init__(self, norm: str, thin: int) -> None:
         super().__init__()
@@ -40,7 +40,7 @@ class ImageNet(nn.Module):
         self.last = nn.Conv2d(d, d, 3, padding=1, bias=False)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        # Each photograph to zero mean and unit deviation, as the authors do.
+        # Each photograph is normalised to zero mean and unit standard deviation, as in the authors' implementation.
         mean = images.mean(dim=(1, 2, 3), keepdim=True)
         deviation = images.std(dim=(1, 2, 3), keepdim=True)
         images = ((images - mean) / (deviation + 1e-3)).contiguous(memory_format=torch.channels_last)
@@ -81,21 +81,23 @@ class VolumeNet(nn.Module):
         return self.last(self.up1(half) + full)
 
     def slab(self, planes: Tensor) -> tuple[Tensor, Tensor]:
-        """The first two layers before their ReLU, on a few planes with one more before and one after, so that the
-        volume never exists whole: (1, C, D + 2, h, w), D even, → at full and at half resolution. C may be fewer than the
-        layers' channels: the last ones are added by `slabs`."""
+        """The first layers before their shift and ReLU, on D planes with one more before and one after, so that the
+        volume is never held as a whole: (1, C, D + 2, h, w), D even → (1, a, D, h', w') at full and
+        (1, b, D/2, h'/2, w'/2) at half resolution. C may be less than the layers' input channels: `slabs` adds the
+        contribution of the last ones."""
         weight1, _ = self.scale1.folded()
         weight2, _ = self.scale2.folded()
         c, h, w = planes.shape[1], planes.shape[3], planes.shape[4]
         if h % 8 + w % 8 > 0:
             planes = F.pad(planes, [0, -w % 8, 0, -h % 8, 0, 0], mode="replicate")
-        # Contiguous, for what is cut from a folded weight is not.
+        # Made contiguous, because a slice of a folded weight is not.
         full = F.conv3d(planes, weight1[:, :c].contiguous(), None, 1, [0, 1, 1])
         return full, F.conv3d(planes, weight2[:, :c].contiguous(), None, 2, [0, 1, 1])
 
     def slabs(self, full: Tensor, half: Tensor, last: Tensor) -> Tensor:
-        """The rest, on what `slab` gave for all planes and the last channels of the volume, which may be none:
-        (1, a, D', h', w'), (1, b, D'/2, h'/2, w'/2), (1, C, D, h, w) → (1, D, h, w). Overwrites the first two."""
+        """The remaining layers, on the outputs of `slab` for all planes, (1, a, D', h', w') and
+        (1, b, D'/2, h'/2, w'/2), and the last channels of the volume, (1, C, D, h, w), of which there may be none →
+        costs (1, D, h, w). Overwrites `full` and `half`."""
         weight1, shift1 = self.scale1.folded()
         weight2, shift2 = self.scale2.folded()
         _, c, d, h, w = last.shape
@@ -113,14 +115,15 @@ class VolumeNet(nn.Module):
 
 
 def padded(volume: Tensor) -> Tensor:
-    """Each side padded to a multiple of 8, for three halvings, by repeating the border: (B, C, D, h, w)."""
+    """A volume (B, C, D, h, w) with D, h, w padded to multiples of 8, for three halvings, by repeating the border."""
     _, _, d, h, w = volume.shape
     pad = [0, -w % 8, 0, -h % 8, 0, -d % 8]
     return F.pad(volume, pad, mode="replicate") if max(pad) > 0 else volume
 
 
 class EdgeConv(nn.Module):
-    """Mean over neighbours q of ReLU(BN(W2 F_q − W1 F_p)), with W1 F_p before it if `keep_centre`."""
+    """Edge convolution at point p: the mean over neighbours q of ReLU(BN(W2 F_q − W1 F_p)). With `keep_centre`, the
+    channels of ReLU(BN(W1 F_p)) come before it."""
 
     batch: Final[bool]
 
@@ -150,8 +153,8 @@ class EdgeConv(nn.Module):
         return F.relu(normed)[0].mean(dim=2).t()
 
     def train_batch(self, centre: Tensor, edge: Tensor) -> Tensor:
-        """BatchNorm by the statistics at hand, channel by channel: so W1 F_p, which is the same for all k
-        neighbours, need not be repeated."""
+        """BatchNorm with the statistics of the current data. It works channel by channel, so W1 F_p, which is the same
+        for all k neighbours, is not repeated."""
         n, c = self.norm, self.c_out
         mean, var = n.running_mean, n.running_var
         assert mean is not None and var is not None
@@ -167,7 +170,7 @@ class EdgeConv(nn.Module):
         n, c = self.norm, self.c_out
         scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
         centre = F.linear(points, self.w1.weight)
-        edge = F.linear(points, self.w2.weight * scale[-c:, None])  # (P, C'), times scale
+        edge = F.linear(points, self.w2.weight * scale[-c:, None])  # W2 F_p times scale, (P, C')
         offset = centre * scale[-c:] - shift[-c:]
         out = torch.empty((points.shape[0], scale.shape[0]), dtype=points.dtype, device=points.device)
         if self.keep_centre:
@@ -181,7 +184,7 @@ class EdgeConv(nn.Module):
 
 
 class FlowNet(nn.Module):
-    """PointFlow (section 3.4): features (P, C) and neighbours (P, k) to one score a point."""
+    """PointFlow (section 3.4): features (P, C) and neighbours (P, k) → one score per point, (P)."""
 
     def __init__(self, channels: int, norm: str, thin: int) -> None:
         super().__init__()
@@ -240,24 +243,24 @@ class PairMlp(nn.Module):
 
 
 class VaPointMvsNet(nn.Module):
-    """The whole network with one of the six aggregations of figure 3.
+    """The whole network, with one of the six aggregations of figure 3.
 
-    All hidden layers have the paper's number of channels divided by `thin`, which is 1 but for small
-    networks to test with. The other options leave out or change a part, for the paper's ablations:
-    `neighbours` of a point (1: itself alone), `hypotheses` to each side of it (0: the offset is regressed
-    directly, table 8), the plane's depth where visibility is predicted (table 3), the image features of the
-    points (table 6).
+    All hidden layers have the paper's number of channels divided by `thin`, which is 1 except for small test networks.
+    These options leave out or change a part, for the paper's ablations: `neighbours` of a point (1: only itself),
+    `hypotheses` to each side of a point (0: the offset is regressed directly, table 8), `plane_depth` (the plane's
+    depth as an input of the visibility, table 3), `image_features` of the points (table 6).
 
-    The last options go beyond the paper. `matched`: the volume's regularisation is also given what the handcrafted
-    matcher finds, and what the network says is added to the matcher's own costs; so it learns where the matcher
-    is wrong, from far fewer samples. `window`, `completion`, `guide`, `coarse_stride`, `flow_sources`: what the manifest asks of
-    the stages around the network, see README.md beside this file.
+    The last options go beyond the paper. With `matched`, the regularisation of the volume also gets the similarities
+    and probabilities of the handcrafted matcher, and its output is added to the matcher's costs. The network then only
+    has to learn where the matcher is wrong, which takes far fewer samples. `window`, `completion`, `guide`,
+    `coarse_stride` and `flow_sources` are entries of the manifest for the stages around the network: see README.md in
+    this folder.
     """
 
-    pairwise: Final[bool]  # vis-avg, vis-max: views are related to the reference one by one
-    weighted: Final[bool]  # vis-var: views are weighted by what they see
-    plane_depth: Final[bool]
-    matched: Final[bool]  # the coarse stage knows what the handcrafted matcher finds
+    pairwise: Final[bool]  # vis-avg, vis-max: pair features of the reference and each source view are aggregated
+    weighted: Final[bool]  # vis-var: source views are weighted by their visibility
+    plane_depth: Final[bool]  # vis-var: the visibility also depends on the plane's depth
+    matched: Final[bool]  # the coarse stage also uses the handcrafted matcher
 
     def __init__(
         self,
@@ -321,9 +324,9 @@ class VaPointMvsNet(nn.Module):
         self.volume = VolumeNet(out + 2 * matched, norm, thin)
         if matched:
             self.matcher = GradientMatcher()
-            self.trust = nn.Parameter(torch.tensor(1.0))  # in the matcher's costs
+            self.trust = nn.Parameter(torch.tensor(1.0))  # weight of the matcher's costs
         fetched = out if self.pairwise else flow_in
-        self.ignored = 0 if image_features else fetched  # of a point's channels, the first so many
+        self.ignored = 0 if image_features else fetched  # the flow ignores this many first channels of a point
         self.flow_net = FlowNet(fetched - self.ignored + POSITION_CHANNELS, norm, thin)
         if self.pairwise:
             self.pair_coarse = PairMlp(out, out, (wide, wide, out), norm)
@@ -378,7 +381,7 @@ class VaPointMvsNet(nn.Module):
     @torch.jit.export
     def regularize(self, volume: Tensor) -> Tensor:
         if self.matched:
-            matches = volume[:, self.coarse_channels :].detach()  # (1, 1, D, h, w), the mean over the views
+            matches = volume[:, self.coarse_channels :].detach()  # mean similarity over the views, (1, 1, D, h, w)
             costs = self.matcher.costs(matches[:, 0])
             likely = torch.softmax(-costs, dim=1)[:, None]
             joined = torch.cat((volume, likely), dim=1)
@@ -410,5 +413,5 @@ class VaPointMvsNet(nn.Module):
 
 
 def mlp2d(channels: tuple[int, ...], norm: str) -> nn.Sequential:
-    """A shared MLP over pixels."""
+    """An MLP shared by all pixels."""
     return nn.Sequential(*(Conv2d(a, b, 1, 1, norm) for a, b in zip(channels, channels[1:])))

@@ -1,9 +1,9 @@
-"""vis-corr: a light network behind the same contract, with the paper's visibility-aware aggregation and PointFlow.
+"""vis-corr: a light network with the same contract, the paper's visibility-aware aggregation and PointFlow.
 
-Views are compared by group-wise correlation (Guo et al., CVPR 2019), the mean product of a few channels of the
-reference's and a source's features, instead of by an MLP for every pair of views and every plane. Each source view
-is weighted per pixel by a learned visibility, and the weighted mean of all of them goes into one small 3D U-Net.
-One pyramid of features serves both stages. What correlates, weighs and sums is in the Rust crate `vamvs-net`.
+Views are compared by group-wise correlation (Guo et al., CVPR 2019), which is the mean product of a few channels of
+the reference and source features, instead of by an MLP for every pair of views and every plane. Each source view is
+weighted per pixel by a learned visibility, and the weighted mean of the correlations goes into one small 3D U-Net. One
+pyramid of features serves both stages. Correlation and weighted mean are in the Rust crate `vamvs-net`.
 """
 
 import json
@@ -16,19 +16,19 @@ from torch import Tensor, nn
 from layers import Conv2d, Conv3d, Deconv3d
 from va_point_mvsnet import POSITION_CHANNELS, FlowNet, padded
 
-GROUP = 4  # channels that are correlated together
+GROUP = 4  # channels in a group
 HALF, QUARTER, EIGHTH = 16, 32, 32  # channels of the features at 1/2, 1/4, 1/8
-STRIDES = (4, 8)  # coarse resolutions
+STRIDES = (4, 8)  # strides of the coarse features
 SLAB = 16  # planes that go through the last layers at once
 
 
 def enlarged(x: Tensor) -> Tensor:
-    """Twice the size, pixel centres in their places."""
+    """Bilinear upsampling by 2 that keeps the positions of pixel centres."""
     return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
 
 
 class Even(nn.Module):
-    """Halves an image whose sides may be odd: the last row and column are repeated before."""
+    """A convolution that halves an image. Odd sides are first made even by repeating the last row or column."""
 
     def __init__(self, c_in: int, c_out: int, norm: str) -> None:
         super().__init__()
@@ -42,8 +42,8 @@ class Even(nn.Module):
 
 
 class Pyramid(nn.Module):
-    """Features at 1/2, 1/4 and 1/8 that know their surroundings down to 1/32 (a feature pyramid network):
-    (B, 3, H, W), H and W multiples of 8, → (B, 16, H/2, W/2), (B, 32, H/4, W/4), (B, 32, H/8, W/8)."""
+    """A feature pyramid network: features at 1/2, 1/4 and 1/8, with context from levels down to 1/32.
+    (B, 3, H, W), H and W multiples of 8 → (B, 16, H/2, W/2), (B, 32, H/4, W/4), (B, 32, H/8, W/8)."""
 
     def __init__(self, norm: str) -> None:
         super().__init__()
@@ -78,7 +78,8 @@ class Pyramid(nn.Module):
 
 
 class SmallVolumeNet(nn.Module):
-    """Cost-volume regularisation: a 3D U-Net that works from half the resolution on, (B, C, D, h, w) → (B, D, h, w)."""
+    """Cost-volume regularisation: a 3D U-Net most of which works at half the resolution and below:
+    (B, C, D, h, w) → (B, D, h, w)."""
 
     def __init__(self, channels: int, norm: str) -> None:
         super().__init__()
@@ -114,15 +115,17 @@ class SmallVolumeNet(nn.Module):
         return torch.cat(slabs, dim=2)[:, 0, :d, :h, :w]
 
     def beside(self, volume: Tensor) -> Tensor:
-        """`same` as a product of matrices, which keeps the channels of a place beside each other in memory."""
+        """The skip connection at full resolution, before its ReLU: the 1×1×1 convolution `same` as a matrix product,
+        which keeps the channels of a position contiguous in memory."""
         weight = self.same.weight[:, :, 0, 0, 0]
         return F.linear(volume.permute(0, 2, 3, 4, 1), weight, self.same.bias).permute(0, 4, 1, 2, 3)
 
     def costs(self, volume: Tensor, half: Tensor, first: int, end: int) -> Tensor:
-        """The last layers for the planes `first` to `end` alone, so that what has their resolution is never whole."""
+        """The last layers for the planes `first..end` only, so that their input at full resolution is never held as a
+        whole. The last convolution needs one plane before and one after as a halo."""
         planes = volume.shape[2]
         low, high = max(first - 1, 0), min(end + 1, planes)
-        # Plane p of the enlarged map is made of planes p/2 and, if it is odd, (p + 1)/2.
+        # Plane p of the upsampled volume is computed from plane p/2 or, if p is odd, (p − 1)/2 and (p + 1)/2.
         low_half, high_half = low // 2, min(high // 2 + 1, planes // 2)
         up = self.up1(half[:, :, low_half:high_half])[:, :, low - 2 * low_half : high - 2 * low_half]
         full = up + F.relu(self.beside(volume[:, :, low:high]))
@@ -131,7 +134,7 @@ class SmallVolumeNet(nn.Module):
 
 
 class VisCorr(nn.Module):
-    """The network; `stride` is the coarse resolution."""
+    """The network; `stride` is that of the coarse features and of the coarse depth map."""
 
     stride: Final[int]
 

@@ -1,4 +1,5 @@
-//! `cargo xtask aerial`: a flight over hills, to plan a run of thousands of photographs.
+//! `cargo xtask aerial`: time and memory of planning a run of thousands of photographs, taken on a synthetic flight
+//! over hills.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,35 +14,36 @@ use vamvs_io::image;
 
 use crate::vamvs::{Taken, binary, measured_lines};
 
-/// Height of the flight above the mean ground, scene units.
+/// Height of the cameras above the mean ground (z = 0), scene units.
 const HEIGHT: f64 = 3.0;
 
-/// From one photograph to the next along a strip of the flight, and from strip to strip, scene units.
+/// Distance from one photograph to the next along a flight strip, and from one strip to the next, scene units.
 const SPACING: [f64; 2] = [0.5, 1.0];
 
-/// Focal length, as a share of the photograph's width: a photograph shows a strip [`HEIGHT`] wide.
+/// Focal length as a share of the photograph's width: a photograph covers ground that is [`HEIGHT`] wide.
 const FOCAL_LENGTH: f64 = 1.0;
 
-/// One of so many views that see a point is in its track.
+/// One in this many of the views that see a point is in the point's track.
 const TRACKED: u64 = 2;
 
-/// Octaves of the ground's texture; the finest has the size of two pixels.
+/// Layers of noise in the ground's texture. The finest has a grid step of two pixels, each further one four times the
+/// step of the one before.
 const OCTAVES: u32 = 6;
 
-/// Plan a run of many aerial photographs, and tell time and memory.
+/// Plan a run of many aerial photographs with `vamvs tasks`, and print its time and memory.
 ///
-/// Writes a COLMAP model with a camera for each photograph into DIR, and photographs. The first view
-/// and those nearest to it have a rendered photograph, the others one grey file by hard links, so
-/// that depth maps of the first views can be made too.
+/// Writes a COLMAP model and photographs into DIR; an existing model there is used as it is. The first view and
+/// those nearest to it, --rendered of them, get a rendered photograph, so that their depth maps can be made too.
+/// All other photographs are hard links to one grey image.
 #[derive(Args)]
 pub struct Aerial {
-    /// Folder for the model, the photographs and the tasks.
+    /// Folder for the model (sparse), the photographs (images) and the planned run (out).
     #[arg(value_name = "DIR")]
     folder: PathBuf,
     /// Number of photographs.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     views: usize,
-    /// Number of points.
+    /// Number of sparse points in the model.
     #[arg(long, value_name = "N", default_value_t = 3_000_000)]
     points: usize,
     /// Size of the photographs, pixels.
@@ -125,19 +127,19 @@ fn size(text: &str) -> Result<Size> {
     Ok(size)
 }
 
-/// The pose of a camera of a strip, at a place along it.
+/// The pose `cam_from_world` of camera number `along` of a strip, which looks straight down.
 fn looking_down(strip: usize, along: usize) -> Pose {
     let centre = Vector3::new(strip as f64 * SPACING[1], along as f64 * SPACING[0], HEIGHT);
     let rotation = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
     Pose { rotation, translation: -(rotation * centre) }
 }
 
-/// Height of the ground.
+/// Height of the ground at (x, y), scene units.
 fn ground(x: f64, y: f64) -> f64 {
     0.15 * (0.9 * x).sin() * (1.1 * y).cos()
 }
 
-/// A point on the ground with the views that saw it.
+/// Sparse point number `point`: a random place on the ground with its track. `side` is the number of views in a strip.
 fn observed(point: u64, views: &[View], side: usize) -> SparsePoint {
     let strips = views.len().div_ceil(side);
     let [u, v] = [0, 1].map(|axis| hashed(point, axis, 0) as f64 / u64::MAX as f64);
@@ -167,7 +169,7 @@ fn observed(point: u64, views: &[View], side: usize) -> SparsePoint {
     SparsePoint { x_in_world, views: seen }
 }
 
-/// A view's photograph of the ground.
+/// Renders the ground as a view sees it. Each pixel's ray meets the ground by fixed-point iteration of its depth.
 fn photograph(view: &View) -> Grid<Rgb> {
     let centre = view.cam_from_world.centre();
     let Intrinsics { fx, fy, cx, cy } = view.camera.intrinsics;
@@ -183,7 +185,7 @@ fn photograph(view: &View) -> Grid<Rgb> {
     })
 }
 
-/// Value noise of [`OCTAVES`] octaves, between 0 and 1; the finest has a grid of step 1.
+/// The mean of [`OCTAVES`] layers of value noise, 0 to 1; the finest has a grid step of 1.
 fn texture(x: f64, y: f64) -> f64 {
     let octave = |octave: u32| {
         let (x, y) = (x / f64::from(1 << (2 * octave)), y / f64::from(1 << (2 * octave)));
@@ -200,7 +202,7 @@ fn texture(x: f64, y: f64) -> f64 {
     (0..OCTAVES).map(octave).sum::<f64>() / f64::from(OCTAVES)
 }
 
-/// A random number that belongs to these (SplitMix64's mixing).
+/// A pseudo-random number: a hash of the three numbers (SplitMix64's mixing).
 fn hashed(a: u64, b: u64, c: u64) -> u64 {
     let mix = |state: u64, value: u64| {
         let state = (state ^ value).wrapping_add(0x9E37_79B9_7F4A_7C15);

@@ -1,4 +1,4 @@
-//! Public data sets in MVSNet's layout: `images/NAME.EXT` and `cams/NAME_cam.txt`.
+//! Converts public data sets to MVSNet's layout: `images/NAME.EXT` and `cams/NAME_cam.txt`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// An empty scene in the folder `root`; what was there is removed.
+    /// Makes an empty scene in the folder `root`. Existing folders `images` and `cams` there are removed.
     pub fn create(root: &Path) -> Result<Self> {
         let layout = Self { images: root.join("images"), cams: root.join("cams") };
         for folder in [&layout.images, &layout.cams] {
@@ -30,7 +30,7 @@ impl Layout {
         Ok(layout)
     }
 
-    /// Adds a view; its photograph is copied as `name` with its own extension.
+    /// Adds a view and copies its photograph, as `name` with the photograph's extension. `k` is in pixels.
     pub fn add(&self, name: &str, photograph: &Path, k: &Matrix3<f64>, cam_from_world: &Pose) -> Result<()> {
         let extension = photograph.extension().unwrap_or_default().to_string_lossy();
         let copy = self.images.join(format!("{name}.{extension}"));
@@ -43,8 +43,8 @@ impl Layout {
     }
 }
 
-/// A scene of the Middlebury multi-view benchmark: `NAME_par.txt` has a line for each photograph, its
-/// name, K, R and t (world to camera).
+/// Converts the first `most` views of a scene of the Middlebury multi-view benchmark. Its `NAME_par.txt` has a line for
+/// each photograph: file name, K, R and t (`cam_from_world`), matrices row by row.
 pub fn middlebury(from: &Path, to: &Path, most: usize) -> Result<Layout> {
     let file = find(from, "_par.txt")?;
     let text = fs::read_to_string(&file).with_context(|| format!("{} cannot be read", file.display()))?;
@@ -68,7 +68,7 @@ fn find(folder: &Path, suffix: &str) -> Result<PathBuf> {
     found.with_context(|| format!("{} has no file *{suffix}", folder.display()))
 }
 
-/// The first views of a scene that is in MVSNet's layout already, with their part of `pair.txt`.
+/// Copies the first `most` views of a scene in MVSNet's layout, and the part of `pair.txt` that is about them.
 pub fn first_views(from: &Path, to: &Path, most: usize) -> Result<Layout> {
     let (cams, images) = (from.join("cams"), from.join("images"));
     let scene = mvsnet::read_scene(&cams, &images, None, &mvsnet::Options::default())?.scene;
@@ -94,7 +94,7 @@ pub fn first_views(from: &Path, to: &Path, most: usize) -> Result<Layout> {
     Ok(layout)
 }
 
-/// All numbers of a file.
+/// Reads a file of exactly `N` numbers.
 pub fn numbers<const N: usize>(path: &Path) -> Result<[f64; N]> {
     let text = fs::read_to_string(path).with_context(|| format!("{} cannot be read", path.display()))?;
     parse(&text).with_context(|| path.display().to_string())

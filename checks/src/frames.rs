@@ -1,12 +1,12 @@
-//! RGB-D frames of 7-Scenes (Shotton et al. 2013), as tsdf-fusion-python has them: `frame-N.color.jpg`,
-//! `frame-N.depth.png` (16 bits, millimetres), `frame-N.pose.txt` (camera to world) and
-//! `camera-intrinsics.txt`.
+//! RGB-D frames of 7-Scenes (Shotton et al. 2013) in the layout of tsdf-fusion-python: `frame-N.color.jpg`,
+//! `frame-N.depth.png` (16 bits, millimetres), `frame-N.pose.txt` (`world_from_cam`) and `camera-intrinsics.txt`.
 //!
-//! Pose and intrinsics are those of the depth camera. The photographs come from another camera beside
-//! it and are not aligned with the depth maps, whatever the names say. The camera here was found by
-//! carrying pixels from frame to frame by the sensor's depth and minimising the mean difference of their
-//! grey values over 66 pairs of frames: 7.6 of 255, where it is 10.8 with the depth camera's own
-//! intrinsics. Principal point and offset are not well distinguished: they stand for the rotation too.
+//! The files' poses and intrinsics are those of the depth camera. The photographs come from a second camera next
+//! to it; they are not aligned with the depth maps, although they share names. The second camera's intrinsics and
+//! offset below were calibrated: they minimise the mean grey-value difference of pixels that are warped from frame
+//! to frame by the sensor's depth, over 66 pairs of frames. The difference is 7.6 of 255, against 10.8 with the
+//! depth camera's intrinsics. Principal point and offset are poorly separated, and they absorb the small rotation
+//! between the cameras.
 
 use std::fs;
 use std::path::Path;
@@ -20,24 +20,23 @@ use vamvs_io::depth;
 
 use crate::convert::{Layout, numbers};
 
-/// The size of photographs and depth maps.
+/// Size of photographs and depth maps, pixels.
 const SIZE: Size = Size::new(640, 480);
 
 /// The camera of the photographs.
 const COLOUR: Pinhole =
     Pinhole { size: SIZE, intrinsics: Intrinsics { fx: 514.4, fy: 514.4, cx: 298.0, cy: 234.3 } };
 
-/// Where the depth camera's origin is in the frame of the photographs' camera, metres; the axes are
-/// parallel.
+/// The depth camera's centre in the frame of the photographs' camera, metres. The axes of both are taken as parallel.
 const DEPTH_IN_COLOUR: Vector3<f64> = Vector3::new(0.039, 0.0, 0.0);
 
-/// Metres of a step of the sensor's depth maps.
+/// Unit of the sensor's depth maps, metres.
 const DEPTH_STEP: f64 = 0.001;
 
-/// Every so many-th of the frames that are there is taken, so that cameras are apart.
+/// One frame in this many is taken, so that there is a baseline between views.
 const FRAME_STEP: usize = 5;
 
-/// Writes frames in `from` as a scene of photographs in `to`, `most` of them at most.
+/// Writes every [`FRAME_STEP`]-th frame in `from`, `most` at most, as a scene in MVSNet's layout in `to`.
 pub fn convert(from: &Path, to: &Path, most: usize) -> Result<Layout> {
     let layout = Layout::create(to)?;
     for name in names(from)?.iter().step_by(FRAME_STEP).take(most) {
@@ -52,8 +51,8 @@ pub fn convert(from: &Path, to: &Path, most: usize) -> Result<Layout> {
     Ok(layout)
 }
 
-/// The sensor's depth of a frame as a photograph of `size` would have it: each measurement carried to
-/// the pixel that shows it, the nearest first; 0 where there is none.
+/// The sensor's depth of a frame, reprojected into the photograph's camera at `size`: depth z, metres. Where several
+/// measurements project to a pixel the nearest counts; 0 where none does.
 pub fn sensor_depth(folder: &Path, name: &str, size: Size) -> Result<Grid<f32>> {
     let sensor = depth::read(&folder.join(format!("{name}.depth.png")), DEPTH_STEP)?;
     let depth_camera = Pinhole { size: sensor.size(), intrinsics: depth_intrinsics(folder)? };
@@ -76,8 +75,8 @@ fn colour_from_depth() -> Pose {
     Pose { rotation: Matrix3::identity(), translation: DEPTH_IN_COLOUR }
 }
 
-/// The file's principal point, 320, 240 of 640 × 480 pixels, is the image's middle where pixel centres
-/// are at half numbers, so it is taken as it stands.
+/// Reads the depth camera's intrinsics. The file's principal point, (320, 240) of 640×480 pixels, is the middle of
+/// the image if pixel centres are at half-integers; so it is taken without a shift.
 fn depth_intrinsics(folder: &Path) -> Result<Intrinsics> {
     let file = folder.join("camera-intrinsics.txt");
     let k = Matrix3::from_row_slice(&numbers::<9>(&file)?);
@@ -92,7 +91,7 @@ fn depth_from_world(folder: &Path, name: &str) -> Result<Pose> {
     Ok(world_from_depth.with_context(|| file.display().to_string())?.inverse())
 }
 
-/// The names of the frames, in order: `frame-N`.
+/// The names of the frames, `frame-N`, sorted.
 fn names(folder: &Path) -> Result<Vec<String>> {
     let entries = fs::read_dir(folder).with_context(|| format!("{} cannot be read", folder.display()))?;
     let files = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
@@ -130,7 +129,7 @@ mod tests {
         let options = mvsnet::Options::default();
         let views = mvsnet::read_scene(&layout.cams, &layout.images, None, &options).unwrap().scene.views;
         assert_eq!(views.len(), 1);
-        // The photographs' camera is beside the depth camera, whose x axis is the world's y.
+        // The photographs' camera is offset along the depth camera's x axis, which is the world's y axis.
         let centre = Vector3::new(7.0, 8.0 - DEPTH_IN_COLOUR.x, 9.0);
         assert!((views[0].cam_from_world.centre() - centre).norm() < 1e-12);
         assert!((views[0].cam_from_world.forward() - Vector3::x()).norm() < 1e-12);

@@ -1,4 +1,5 @@
-//! The demo, and checks of the built `vamvs` command that take long. `cargo xtask COMMAND` builds both and starts them.
+//! The demo and the long-running checks of the built `vamvs` command. `cargo xtask COMMAND` builds `vamvs` and this
+//! program, then runs it.
 
 mod aerial;
 mod convert;
@@ -19,7 +20,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
-/// The demo and the long checks of the repository.
+/// The demo and the long-running checks of the repository.
 #[derive(Parser)]
 #[command(name = "cargo xtask", bin_name = "cargo xtask")]
 enum Command {

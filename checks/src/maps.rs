@@ -9,13 +9,13 @@ use vamvs_eval::{DepthErrors, DepthSamples, Region, Threshold};
 use vamvs_fusion::FuseOptions;
 use vamvs_io::pfm;
 
-/// What `vamvs` estimated for a view.
+/// The depth map that `vamvs` estimated for a view, with its confidence.
 pub struct Map {
-    /// Depth; 0 where there is none.
+    /// Depth z, scene units; 0 where there is none.
     pub depth: Grid<f32>,
     /// Confidence of the depth, 0 to 1.
     pub confidence: Grid<f32>,
-    /// Confidence of the coarse stage, 0 to 1, which refined maps have no more.
+    /// Confidence of the coarse stage, 0 to 1; `None` for refined maps, which have no coarse confidence.
     coarse_confidence: Option<Grid<f32>>,
 }
 
@@ -31,7 +31,7 @@ impl Map {
         })
     }
 
-    /// The depths that the default thresholds of fusion call confident.
+    /// The depths that pass the photometric filter of fusion with its default thresholds; 0 elsewhere.
     pub fn confident(&self) -> Grid<f32> {
         let limits = FuseOptions::default();
         let mut depth = self.depth.clone();
@@ -45,8 +45,8 @@ impl Map {
     }
 }
 
-/// The errors of depth maps against true ones of the same sizes, over the pixels of all; thresholds are
-/// shares of the true depth.
+/// The errors of depth maps against true ones of the same sizes, over all pixels of all maps. `thresholds` are
+/// relative errors.
 pub fn relative_errors<'a>(
     depths: impl IntoIterator<Item = &'a Grid<f32>>,
     ground_truth: impl IntoIterator<Item = &'a Grid<f32>>,

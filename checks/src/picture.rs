@@ -1,4 +1,4 @@
-//! `cargo xtask picture`: a picture of a PLY cloud, for eyes without a viewer.
+//! `cargo xtask picture`: renders a PLY cloud to an image file.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use vamvs_io::{image, ply};
 use vamvs_picture::viewpoint::{best_direction, up_of_cameras};
 use vamvs_picture::{Look, Surfels, Viewpoint};
 
-/// Render a PLY cloud to a PNG, seen from where most of its surface is visible.
+/// Render a PLY cloud to a PNG, from a viewpoint that sees most of its surface.
 #[derive(Args)]
 pub struct Picture {
     /// The cloud.
@@ -19,10 +19,11 @@ pub struct Picture {
     /// The picture to write.
     #[arg(value_name = "OUT.png")]
     out: PathBuf,
-    /// Size in pixels.
+    /// Size of the picture, pixels.
     #[arg(long, value_name = "WxH", default_value = "1280x960", value_parser = parse_size)]
     size: Size,
-    /// Up in the picture [default: as the cameras in `cams/` beside the cloud are held; else -y].
+    /// World axis that points up in the picture [default: up by the cameras in `cams/` next to the cloud; -y if there
+    /// are none].
     #[arg(long, value_enum, allow_hyphen_values = true)]
     up: Option<Axis>,
     /// Show the shape, shaded by the normals, instead of the colours.
@@ -64,7 +65,8 @@ impl Picture {
     }
 }
 
-/// Up by the cameras in `cams/` beside a cloud; −y, as in the camera's own frame, if there are none.
+/// The up direction in the world by the cameras in `cams/` next to a cloud. Without cameras it is −y, which is up in a
+/// camera's own frame.
 pub fn up_beside(cloud: &Path) -> Result<Vector3<f64>> {
     let cams = cloud.with_file_name("cams");
     Ok(up_of_cameras(&cams)?.unwrap_or(-Vector3::y()))
@@ -83,7 +85,7 @@ impl Axis {
     }
 }
 
-/// A size as people type it.
+/// Parses `WIDTHxHEIGHT`, each 16 to 8192 pixels.
 pub fn parse_size(text: &str) -> Result<Size> {
     let (width, height) = text.split_once('x').context("expected WIDTHxHEIGHT, such as 1280x960")?;
     let side = |text: &str| match text.parse() {

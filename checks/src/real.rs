@@ -1,4 +1,4 @@
-//! `cargo xtask real`: checks on photographs of real things, which the repository does not hold.
+//! `cargo xtask real`: reconstructs real photographs, which are not in the repository.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -18,13 +18,14 @@ use crate::maps::{self, Map};
 use crate::picture::up_beside;
 use crate::vamvs::{self, Reconstruction};
 
-/// Reconstruct real photographs and show what comes out.
+/// Reconstruct real photographs, draw the results and write a table of them.
 ///
-/// Known are folders of these names: herz_jesus_p8 and kermit (COLMAP models), dtu_scan37 (MVSNet
-/// layout), dino_sparse_ring (Middlebury) and red_kitchen (7-Scenes, whose sensor gives a rough ground truth).
+/// Scenes are folders of these names: herz_jesus_p8 and kermit (COLMAP models), dtu_scan37 (MVSNet layout),
+/// dino_sparse_ring (Middlebury) and red_kitchen (7-Scenes, whose depth sensor gives a rough ground truth). Those
+/// that are missing are skipped.
 #[derive(Args)]
 pub struct Real {
-    /// Folder of scenes.
+    /// Folder with the scenes' folders.
     #[arg(value_name = "DIR")]
     scenes: PathBuf,
     /// Folder for results.
@@ -36,15 +37,15 @@ pub struct Real {
     /// Longer side to which photographs are reduced, pixels [default: each scene's own].
     #[arg(long, value_name = "PIXELS")]
     max_size: Option<usize>,
-    /// Most views of a scene that is not a COLMAP model.
+    /// Largest number of views; scenes that are COLMAP models are always used whole.
     #[arg(long, value_name = "N", default_value_t = 16)]
     max_views: usize,
-    /// More flags for `vamvs reconstruct`.
+    /// Further flags of `vamvs reconstruct`.
     #[arg(last = true, value_name = "FLAGS")]
     flags: Vec<OsString>,
 }
 
-/// A scene that is known by its folder's name.
+/// How to reconstruct the scene in the folder `name`.
 struct Known {
     name: &'static str,
     kind: Kind,
@@ -53,19 +54,20 @@ struct Known {
     flags: &'static [&'static str],
 }
 
+/// The layout of a scene's files.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
-    /// A COLMAP model, in this folder.
+    /// A COLMAP model in this subfolder.
     Colmap(&'static str),
     /// MVSNet's layout.
     Mvsnet,
-    /// Middlebury's `_par.txt`.
+    /// Cameras in Middlebury's `NAME_par.txt`.
     Middlebury,
-    /// RGB-D frames.
+    /// RGB-D frames of 7-Scenes.
     Frames,
 }
 
-/// The box around the dinosaur, by the benchmark's readme; what is behind it is black.
+/// The dinosaur's bounding box, from the benchmark's readme. The background is black.
 const DINO: &[&str] = &[
     "--roi",
     "-0.061897",
@@ -78,9 +80,9 @@ const DINO: &[&str] = &[
     "20",
 ];
 
-/// The sensor's nominal range, metres: the cameras alone tell 1.3 to 20, which misses all that is near,
-/// because they turn more than they move. Poses are rough, so that more views help; planes are the
-/// paper's, uniform in depth.
+/// The depth range is the sensor's nominal one, metres. Estimated from the cameras alone, which rotate more than they
+/// translate, it would be 1.3 to 20 m and miss near surfaces. Poses are inaccurate, so more views help. Planes are
+/// uniform in depth, as in the paper.
 const ROOM: &[&str] =
     &["--depth-range", "0.5", "4.5", "--views", "7", "--spacing", "depth", "--planes", "96"];
 
@@ -92,24 +94,24 @@ const KNOWN: [Known; 5] = [
     Known { name: "red_kitchen", kind: Kind::Frames, max_size: 1280, flags: ROOM },
 ];
 
-/// Relative depth errors of interest.
+/// Thresholds of the relative depth error.
 const THRESHOLDS: [f64; 3] = [0.01, 0.02, 0.05];
 
-/// Size of the pictures of clouds.
+/// Size of the pictures of clouds, pixels.
 const CLOUD_SIZE: Size = Size::new(1280, 960);
 
-/// Width of one of the pictures of a view.
+/// Width of each panel in the picture of a view, pixels.
 const PANEL_WIDTH: usize = 400;
 
-/// Views that are shown.
+/// Largest number of views that are drawn.
 const SHOWN: usize = 3;
 
-/// What came of a scene.
+/// The result of a scene.
 struct Outcome {
     name: &'static str,
     views: usize,
     reconstruction: Reconstruction,
-    /// All depths against a sensor's, and the confident ones.
+    /// Errors against the sensor's depth: of all depths, and of the confident ones. `None` without a sensor.
     errors: Option<[DepthErrors; 2]>,
 }
 
@@ -134,7 +136,7 @@ impl Real {
         Ok(())
     }
 
-    /// The scenes that are asked for and are there.
+    /// The scenes that were asked for and whose folders exist.
     fn wanted(&self) -> Result<Vec<&'static Known>> {
         let names = KNOWN.iter().map(|known| known.name).collect::<Vec<_>>();
         if let Some(name) = self.scene.iter().find(|name| !names.contains(&name.as_str())) {
@@ -163,7 +165,8 @@ impl Real {
         Ok(Outcome { name: known.name, views: views.len(), reconstruction, errors: errors(&views)? })
     }
 
-    /// The flags that tell where the scene is.
+    /// The flags that name the scene's cameras and photographs. Scenes that are not COLMAP models are first copied to
+    /// `to` in MVSNet's layout.
     fn input(&self, kind: Kind, from: &Path, to: &Path) -> Result<Vec<OsString>> {
         let layout = match kind {
             Kind::Colmap(model) => {
@@ -178,7 +181,7 @@ impl Real {
         Ok(vec!["--cams".into(), cams.into(), "--images".into(), images.into()])
     }
 
-    /// Pictures of the cloud and of some views, beside the report.
+    /// Writes pictures of the cloud and of some views next to the report.
     fn draw(&self, name: &str, result: &Path, views: &[View]) -> Result<()> {
         let file = result.join("fused.ply");
         let cloud = ply::read(&file)?;
@@ -194,7 +197,7 @@ impl Real {
     }
 }
 
-/// A view's estimate, and what a sensor measured.
+/// The estimated depth map of a view, and the sensor's depth at its pixels if there is a sensor.
 struct View {
     name: String,
     map: Map,
@@ -202,7 +205,7 @@ struct View {
 }
 
 impl View {
-    /// Photograph, depth and confidence; sensor and error, if there is a sensor.
+    /// A row of panels: photograph, depth, confident depth, confidence and, with a sensor, its depth and the error.
     fn picture(&self, result: &Path) -> Result<Grid<Rgb>> {
         let depth = valid(&self.map.depth);
         let (near, far) = spread(&self.sensor.as_ref().map_or(valid(&self.map.confident()), valid));
@@ -222,7 +225,7 @@ impl View {
     }
 }
 
-/// The views in an output folder, with the depth of the sensor in `frames` at their pixel centres.
+/// Reads the views in an output folder, and the sensor's depth from the folder `frames` if it is given.
 fn read_views(result: &Path, frames: Option<&PathBuf>) -> Result<Vec<View>> {
     let folder = result.join("depths");
     let entries =
@@ -239,7 +242,7 @@ fn read_views(result: &Path, frames: Option<&PathBuf>) -> Result<Vec<View>> {
     names.into_iter().map(read).collect()
 }
 
-/// Of all depths, and of the confident ones, against the sensor's; `None` if there is no sensor.
+/// Errors against the sensor's depth: of all depths, and of the confident ones. `None` without a sensor.
 fn errors(views: &[View]) -> Result<Option<[DepthErrors; 2]>> {
     let Some(sensors) = views.iter().map(|view| view.sensor.as_ref()).collect::<Option<Vec<_>>>() else {
         return Ok(None);
@@ -286,7 +289,7 @@ impl Outcome {
         format!("| {name} | {views} | {seconds} | {points} | {kept} | {unconfident} | {inconsistent} |")
     }
 
-    /// Of the depth maps that were made now.
+    /// Mean time of the depth maps that this run made, seconds.
     fn seconds_a_view(&self) -> String {
         let depth = &self.reconstruction.summary.depth;
         match depth.made {

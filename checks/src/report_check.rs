@@ -1,4 +1,4 @@
-//! `cargo xtask report-check`: a page with a cloud, opened in a browser without a screen.
+//! `cargo xtask report-check`: opens a report with a cloud in a headless browser and checks that it works.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -11,35 +11,35 @@ use vamvs_io::atomic;
 
 use crate::picture::parse_size;
 
-/// What looks at the canvas from within the page.
+/// The script that is put into the page and reports errors and the contents of the canvas.
 const PROBE: &str = include_str!("report_check.js");
 
-/// Names under which the browser is installed.
+/// Names of the browser's program, in order of preference within a folder of PATH.
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
 
-/// Open a report in headless Chromium: fail on any message on its console or an empty cloud, take a picture.
+/// Open a report in headless Chromium and take a screenshot; fail on an empty cloud or any console message.
 #[derive(Args)]
 pub struct ReportCheck {
-    /// The page, made by `vamvs report`.
+    /// The report, written by `vamvs report` or `vamvs reconstruct`.
     #[arg(value_name = "REPORT.html")]
     page: PathBuf,
-    /// The picture to write.
+    /// The screenshot to write.
     #[arg(long, value_name = "FILE.png", default_value = "report-check.png")]
     screenshot: PathBuf,
     /// Size of the window, pixels.
     #[arg(long, value_name = "WxH", default_value = "1280x1600", value_parser = parse_size)]
     size: Size,
-    /// In dark colours.
+    /// Use the dark colour scheme.
     #[arg(long)]
     dark: bool,
 }
 
-/// What the probe tells.
+/// What the probe reports.
 #[derive(Debug, Deserialize)]
 struct Seen {
     /// Errors in the page's scripts.
     errors: Vec<String>,
-    /// Share of the canvas that is drawn on, 0 to 1; `None` if there is no canvas.
+    /// Share of the canvas's pixels that are not transparent, 0 to 1; `None` if there is no canvas.
     drawn: Option<f64>,
     /// How much wider the page is than the window, pixels.
     overflow: i64,
@@ -64,7 +64,7 @@ impl ReportCheck {
         Ok(())
     }
 
-    /// Opens a copy of the page with the probe in it; gives what that saw and what the browser said.
+    /// Opens a copy of the page with the probe in it. Returns the probe's report and the browser's messages.
     fn look(&self, browser: &Path, folder: &Path) -> Result<(Seen, String)> {
         let html = std::fs::read_to_string(&self.page)
             .with_context(|| format!("{} cannot be read", self.page.display()))?;
@@ -88,11 +88,11 @@ impl ReportCheck {
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         ensure!(output.status.success(), "the browser failed ({}): {said}", output.status);
         let seen = seen(&String::from_utf8_lossy(&output.stdout));
-        Ok((seen.with_context(|| format!("the page was not loaded whole: {said}"))?, said))
+        Ok((seen.with_context(|| format!("the page was not loaded completely: {said}"))?, said))
     }
 }
 
-/// What the probe wrote into the page.
+/// The probe's report, which it wrote into the page; `None` if the page was not loaded completely.
 fn seen(dom: &str) -> Option<Seen> {
     let (_, after) = dom.split_once("id=\"probe\">")?;
     serde_json::from_str(after.split_once("</script>")?.0).ok()

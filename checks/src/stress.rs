@@ -1,4 +1,4 @@
-//! `cargo xtask stress`: fusion of a thousand depth maps, its time and memory.
+//! `cargo xtask stress`: time and memory of fusing a thousand depth maps.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,23 +14,23 @@ use vamvs_tests::{Rendered, fixtures};
 
 use crate::vamvs::{Taken, binary, measured};
 
-/// Size of the depth maps.
+/// Size of the depth maps, pixels.
 const SIZE: Size = Size::new(640, 480);
 
 /// Views around each copy of the rendered scene.
 const VIEWS_PER_PLACE: usize = 20;
 
-/// From one copy of the scene to the next, scene units: ten times the cameras' distance from it.
+/// Distance from one copy of the scene to the next, scene units: ten times the cameras' distance from it.
 const BETWEEN_PLACES: f64 = 40.0;
 
-/// Relative error of a depth, at most.
+/// Largest relative error that is added to a depth.
 const DEPTH_NOISE: f32 = 0.005;
 
 /// Fuse a scene of many depth maps within several memory budgets, and compare results, time and memory.
 ///
-/// The scene repeats twenty rendered views with their true depth, made noisy, at places far from one
-/// another; the files of a place are hard links to those of the first. Views are numbered at random, so that
-/// their order does not tell which of them see the same.
+/// The scene consists of copies of one rendered still life, far from one another. Each copy has the same twenty
+/// views, whose depth maps are the true ones with noise; files of further copies are hard links to those of the
+/// first. Views are numbered at random, so that their order does not tell which of them overlap.
 #[derive(Args)]
 pub struct Stress {
     /// Folder for the scene and its clouds.
@@ -39,7 +39,7 @@ pub struct Stress {
     /// Number of depth maps.
     #[arg(long, value_name = "N", default_value_t = 1000)]
     views: usize,
-    /// Memory budgets; each is tried with every number of threads.
+    /// Memory budgets; fusion runs once for each budget and number of threads.
     #[arg(long, value_name = "SIZE", value_delimiter = ',', default_values = ["2GiB", "8GiB"])]
     max_memory: Vec<String>,
     /// Numbers of threads.
@@ -47,13 +47,14 @@ pub struct Stress {
     threads: Vec<usize>,
 }
 
-/// A fusion that was measured.
+/// Time, memory and result of one fusion.
 struct Measured {
     budget: String,
     threads: usize,
     taken: Taken,
-    /// The fusion's part of the time, without opening the depth maps and the report.
+    /// Time of fusion alone, without opening the depth maps and writing the report, seconds.
     fusing: f64,
+    /// SHA-256 of the cloud's file.
     cloud: [u8; 32],
     points: u64,
 }
@@ -81,9 +82,9 @@ impl Stress {
             budget: budget.to_owned(),
             threads,
             taken,
-            fusing: summary["seconds"]["fuse"].as_f64().context("the summary tells no seconds")?,
+            fusing: summary["seconds"]["fuse"].as_f64().context("the summary has no seconds of fusion")?,
             cloud: digest(&cloud)?,
-            points: summary["points"].as_u64().context("the summary tells no number of points")?,
+            points: summary["points"].as_u64().context("the summary has no number of points")?,
         })
     }
 }
@@ -116,7 +117,7 @@ fn print_table(measured: &[Measured], pixels: usize) {
     }
 }
 
-/// Writes the scene in the layout of `vamvs depth`, unless it is there.
+/// Writes the scene in the layout of an output folder of `vamvs depth`, unless `views.txt` says that it is complete.
 fn write_scene(folder: &Path, views: usize) -> Result<()> {
     let done = folder.join("views.txt");
     if fs::read_to_string(&done).is_ok_and(|text| text == views.to_string()) {
@@ -142,14 +143,14 @@ fn write_scene(folder: &Path, views: usize) -> Result<()> {
     Ok(vamvs_io::atomic::write(&done, |out| write!(out, "{views}"))?)
 }
 
-/// The numbers below `count` in an order that looks random.
+/// The numbers below `count` in a pseudo-random order, always the same.
 fn shuffled(count: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_by(|&a, &b| random([a, 0, 0, 0]).total_cmp(&random([b, 0, 0, 0])));
     order
 }
 
-/// A random number in [0, 1) that belongs to these numbers.
+/// A pseudo-random number in [0, 1): a hash of the four numbers.
 fn random(of: [usize; 4]) -> f32 {
     let mix = |hash: u64, number: usize| {
         let hash = (hash ^ number as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
@@ -167,7 +168,7 @@ fn write_camera(folder: &Path, name: &str, view: &Rendered, place: usize) -> Res
     Ok(mvsnet::write_cam(&file, &view.photo.camera, &moved, range)?)
 }
 
-/// The files of a view's maps.
+/// The files of a view: photograph, confidence, coarse confidence and depth.
 fn map_files(folder: &Path, name: &str) -> [PathBuf; 4] {
     ["images/NAME.png", "confidence/NAME.pfm", "confidence/NAME.coarse.pfm", "depths/NAME.pfm"]
         .map(|file| folder.join(file.replace("NAME", name)))

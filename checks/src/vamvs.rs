@@ -1,4 +1,4 @@
-//! The `vamvs` command, run as people run it, and what it tells of a run.
+//! Runs the `vamvs` command as a user does and reads the summaries that it prints.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -17,45 +17,45 @@ use crate::step::target;
 
 /// A `vamvs reconstruct` that succeeded.
 pub struct Reconstruction {
-    /// What it printed.
+    /// The summary that it printed.
     pub summary: Summary,
-    /// Wall-clock time.
+    /// Wall-clock time, seconds.
     pub seconds: f64,
 }
 
 /// The summary that `vamvs reconstruct --json` prints.
 #[derive(Deserialize)]
 pub struct Summary {
-    /// Of the depth maps.
+    /// The depth estimation.
     pub depth: DepthSummary,
-    /// Of the cloud.
+    /// The fusion.
     pub fusion: FusionSummary,
 }
 
-/// What became of the views.
+/// Number and time of the depth maps.
 #[derive(Deserialize)]
 pub struct DepthSummary {
-    /// Depth maps that were made.
+    /// Depth maps that this run made; resumed ones do not count.
     pub made: usize,
-    /// Time by stage of the network.
+    /// Time of each stage over all maps, seconds.
     pub seconds: BTreeMap<String, f64>,
 }
 
-/// What became of the depth maps.
+/// What fusion did with the depth maps.
 #[derive(Deserialize)]
 pub struct FusionSummary {
-    /// What became of all pixels.
+    /// Pixel counts by outcome, over all views.
     pub total: ViewReport,
 }
 
-/// Runs `vamvs reconstruct` into the folder `out`; its messages go to the terminal.
+/// Runs `vamvs reconstruct` with the output folder `out`; its messages go to the terminal.
 pub fn reconstruct(arguments: &[impl AsRef<OsStr>], out: &Path) -> Result<Reconstruction> {
     let start = Instant::now();
     let summary = told(Command::new(binary()?).arg("reconstruct").args(arguments).arg("--out").arg(out))?;
     Ok(Reconstruction { summary, seconds: start.elapsed().as_secs_f64() })
 }
 
-/// Runs a command with `--json` and returns what it prints; its messages go to the terminal.
+/// Runs a command with `--json` and parses what it prints; its messages go to the terminal.
 pub fn told<T: DeserializeOwned>(command: &mut Command) -> Result<T> {
     command.arg("--json");
     println!("── {}", command_line(command));
@@ -64,30 +64,30 @@ pub fn told<T: DeserializeOwned>(command: &mut Command) -> Result<T> {
     serde_json::from_slice(&output.stdout).context("what `vamvs --json` printed")
 }
 
-/// Time and memory that a command took.
+/// Time and memory of a command.
 pub struct Taken {
-    /// Wall-clock time.
+    /// Wall-clock time, seconds.
     pub seconds: f64,
-    /// Of all threads, also the system's on their behalf.
+    /// Processor time of all threads, user and system, seconds.
     pub processor_seconds: f64,
-    /// Peak of the memory held, bytes.
+    /// Peak of resident memory, bytes.
     pub peak_bytes: u64,
 }
 
-/// Runs a command with `--json` and `--quiet`; what it prints, and what it took.
+/// Runs a command with `--json` and `--quiet`. Returns what it printed, parsed, and its time and memory.
 pub fn measured<T: DeserializeOwned>(command: &mut Command) -> Result<(T, Taken)> {
     let read = |output| serde_json::from_reader(output).context("what `vamvs --json` printed");
     timed(command.args(["--json", "--quiet"]), read)
 }
 
-/// Runs a command with `--quiet`; the number of lines that it prints, and what it took.
+/// Runs a command with `--quiet`. Returns the number of lines that it printed, and its time and memory.
 pub fn measured_lines(command: &mut Command) -> Result<(usize, Taken)> {
     let count =
         |output| BufReader::new(output).lines().try_fold(0, |count, line| Ok(line.map(|_| count + 1)?));
     timed(command.arg("--quiet"), count)
 }
 
-/// Runs a command; what `read` makes of its output, and what it took.
+/// Runs a command and passes its standard output to `read`. Returns the result of `read`, and time and memory.
 fn timed<T>(command: &mut Command, read: impl Fn(ChildStdout) -> Result<T>) -> Result<(T, Taken)> {
     println!("── {}", command_line(command));
     let start = Instant::now();
@@ -104,12 +104,12 @@ fn timed<T>(command: &mut Command, read: impl Fn(ChildStdout) -> Result<T>) -> R
     Ok((told?, taken))
 }
 
-/// The release build, beside the build that this program is of.
+/// The release build of `vamvs` in the target folder that this program is in.
 pub fn binary() -> Result<PathBuf> {
     Ok(target()?.join("release").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX)))
 }
 
-/// The command as one would type it.
+/// The command line as a user would type it.
 fn command_line(command: &Command) -> String {
     let arguments = command.get_args().map(|argument| argument.to_string_lossy());
     std::iter::once("vamvs".into()).chain(arguments).collect::<Vec<_>>().join(" ")

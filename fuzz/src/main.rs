@@ -1,7 +1,8 @@
-//! libFuzzer on one reader of `vamvs_io`, the one that the variable `VAMVS_READER` names.
+//! Runs libFuzzer on one reader of `vamvs_io`, the one that the variable `VAMVS_READER` names.
 //!
-//! A reader reads a folder of whole files, one of which is the input: its first byte tells which, the rest is
-//! the content. With `VAMVS_SEEDS` the whole files are first written into that folder, as inputs to begin with.
+//! The reader reads a folder of valid files, one of which is replaced by the input. The input's first byte
+//! selects the file, the rest is its content. If `VAMVS_SEEDS` names a folder, the valid files are first written
+//! there as initial inputs.
 
 #![no_main]
 #![allow(clippy::unwrap_used, reason = "a fuzzer that cannot begin has failed")]
@@ -24,10 +25,10 @@ use vamvs_io::{
     atomic, bundler, colmap, depth, dtu, masks, mvsnet, nerfstudio, nvm, openmvs, pfm, ply, tnt, visibility,
 };
 
-/// What is fuzzed.
+/// The reader that is fuzzed, and its files.
 struct Target {
     folder: tempfile::TempDir,
-    /// The files that inputs replace, with their whole content.
+    /// The files that inputs replace, with their valid content.
     files: Vec<(PathBuf, Vec<u8>)>,
     read: fn(&Path) -> bool,
 }
@@ -74,7 +75,7 @@ type Fixture = fn(&Path) -> fixture::Fixture;
 
 macro_rules! table {
     ($($name:ident: $fixture:expr, $base:expr, $read:expr;)*) => {
-        /// The whole files of a reader, and how it reads them.
+        /// The function that writes the valid files of the reader `name`, and the one that reads them.
         fn reader(name: &str) -> Option<(Fixture, fn(&Path) -> bool)> {
             match name {
                 $(stringify!($name) => Some(($fixture, $read)),)*

@@ -12,26 +12,26 @@ use crate::rig::{self, TARGET};
 use crate::texture::Look;
 use crate::{sky, still_life};
 
-/// Quick, and good enough to match: light straight from sky and lamp.
+/// Fast rendering with enough texture for matching: 4 samples a pixel, one bounce, denoised.
 const QUICK: RenderOptions = RenderOptions { samples: 4, max_bounces: 1, denoise: true };
 
 static STILL_LIFE: LazyLock<Tracer> = LazyLock::new(|| Tracer::new(&still_life::world()));
 static PLANE: LazyLock<Tracer> = LazyLock::new(|| Tracer::new(&plane_world()));
 
-/// A textured plane through the cameras' target, tilted against all of them; it fills every view.
+/// A textured plane through the cameras' target. It is fronto-parallel to no camera and fills every view.
 #[must_use]
 pub fn tilted_plane(size: Size, views: usize) -> Vec<Rendered> {
     render(&PLANE, &rig::arc(views, size), &QUICK)
 }
 
-/// Objects on a tiled floor before a brick wall, photographed along an arc; every pixel has a
+/// Objects on a tiled floor in front of a brick wall, photographed along an arc; every pixel shows a
 /// surface.
 #[must_use]
 pub fn still_life(size: Size, views: usize) -> Vec<Rendered> {
     render(still_life_tracer(), &rig::arc(views, size), &QUICK)
 }
 
-/// The world of [`still_life`], ready to be seen.
+/// The ray tracer of [`still_life`]'s world, built once.
 #[must_use]
 pub fn still_life_tracer() -> &'static Tracer {
     &STILL_LIFE

@@ -7,8 +7,9 @@ use vamvs_io::{IoError, image, mvsnet};
 
 use crate::Rendered;
 
-/// Writes `images/NAME.png` and `cams/NAME_cam.txt` with `name(i)` for view `i`, and the depth range that
-/// [`depth_range`] gives. There is no `pair.txt`: source views are to be found.
+/// Writes `images/NAME.png` and `cams/NAME_cam.txt` for each view; NAME is `name(i)` for view `i`. The camera
+/// file holds the depth range of [`depth_range`], widened by the factor `wider`. No `pair.txt` is written, so
+/// that its reader selects the source views.
 ///
 /// # Errors
 /// If a file cannot be written.
@@ -31,7 +32,8 @@ pub fn write_mvsnet(
     Ok(())
 }
 
-/// The view's true depth range, `wider` by that factor at both ends; `None` if it sees nothing.
+/// The view's true depth range: the nearest depth divided by `wider`, the farthest multiplied by it. `None` if
+/// no pixel shows a surface.
 #[must_use]
 pub fn depth_range(view: &Rendered, wider: f64) -> Option<DepthRange> {
     let seen = || view.depth.data().iter().copied().filter(|depth| *depth > 0.0).map(f64::from);

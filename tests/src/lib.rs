@@ -1,7 +1,7 @@
 //! Rendered scenes with exact ground truth, for tests across crates and for the demo.
 //!
-//! They are made of `vamvs-synth`'s meshes, patterns and light; the depth and the normal of every pixel
-//! are exact. The world's z axis points up; lengths are of the order of 1.
+//! `vamvs-synth` supplies the meshes, patterns and light; the depth and the normal of every pixel are exact.
+//! The world's z axis points up; the unit of length is the metre, and objects are up to 1 m in size.
 
 pub mod fixtures;
 pub mod folder;

@@ -1,4 +1,4 @@
-//! Photographs of a world with exact depth and normals.
+//! Rendered photographs of a world, with exact depth and normals.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -13,13 +13,15 @@ use crate::rig::Station;
 pub struct Rendered {
     /// The photograph with its camera and pose.
     pub photo: Photo,
-    /// Depth z at the pixels' centres; 0 where there is no surface.
+    /// Depth z at the pixel centres, scene units; 0 where there is no surface.
     pub depth: Grid<f32>,
-    /// Unit normal in the world at the pixels' centres, towards the camera; 0 without surface.
+    /// Unit normal in the world frame at the pixel centres, towards the camera; the zero vector where there is no
+    /// surface.
     pub normal: Grid<[f32; 3]>,
 }
 
-/// One photograph for each station, all of one exposure and without flaws.
+/// Renders one photograph for each station, all with the same exposure and without camera effects (noise, blur,
+/// vignetting).
 #[must_use]
 pub fn render(tracer: &Tracer, stations: &[Station], options: &RenderOptions) -> Vec<Rendered> {
     let shoot = |(seed, (camera, pose)): (u64, &Station)| tracer.shoot(camera, pose, options, seed);

@@ -1,4 +1,4 @@
-//! Light from all around.
+//! The environment map that lights the test scenes.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! The world of the still life: things on a tiled floor before a brick wall.
+//! The world of the still life: objects on a tiled floor in front of a brick wall.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use vamvs_synth::{Lamp, Mesh, Object, World, primitive};
 use crate::sky;
 use crate::texture::Look;
 
-/// The world.
+/// The objects with their materials, the sky and one lamp.
 #[must_use]
 pub fn world() -> World {
     let objects = [room(), round_things(), square_things()].into_iter().flatten();
@@ -17,12 +17,12 @@ pub fn world() -> World {
     World { objects, environment: sky::dim(), lamps: vec![window()] }
 }
 
-/// A thing before its material is drawn.
+/// An object whose material has not been generated yet.
 struct Thing {
     mesh: Mesh,
     look: Look,
     place: [f64; 3],
-    /// Rotation vector, radians.
+    /// Rotation from object to world, as a rotation vector (axis times angle in radians).
     turn: [f64; 3],
 }
 
@@ -120,7 +120,7 @@ fn round_things() -> Vec<Thing> {
     ]
 }
 
-/// A jar of 1 metre with a foot, a belly and a neck.
+/// A jar 1 metre high, with a foot, a belly and a neck: a surface of revolution about z.
 fn jar() -> Mesh {
     let profile = [
         [0.0, 0.0],

@@ -1,4 +1,5 @@
-//! Pictures for surfaces that are to be reconstructed: with something to match at every distance.
+//! Textures for surfaces that are to be reconstructed: they have detail at every scale, so that views can be
+//! matched from any distance.
 
 use std::sync::Arc;
 
@@ -6,26 +7,27 @@ use vamvs_core::{Grid, Rgb, Size};
 use vamvs_synth::Material;
 use vamvs_synth::pattern::{Motif, Pattern};
 
-/// Side of a picture, pixels.
+/// Side of a texture image, pixels.
 const SIDE: usize = 512;
 
 /// What a surface is made of.
 #[derive(Clone, Copy, Debug)]
 pub struct Look {
-    /// What is drawn.
+    /// The pattern's motif.
     pub motif: Motif,
-    /// How many of its units fit across the picture.
+    /// How many of the motif's units (bricks, tiles, …) fit across the texture image.
     pub count: u16,
-    /// The motif's colours, sRGB 0 to 255.
+    /// The motif's colours, from its low to its high values, sRGB 0 to 255.
     pub colours: [[f32; 3]; 3],
-    /// Side of the picture on the surface, metres.
+    /// Side of one repetition of the texture image on the surface, metres.
     pub metres: f32,
-    /// Reflectance of the coat at normal incidence, and its roughness.
+    /// The specular coat: reflectance at normal incidence and roughness, each 0 to 1.
     pub coat: [f32; 2],
 }
 
 impl Look {
-    /// A worn surface of this look; `seed` makes equal looks differ.
+    /// A material of this look, darkened unevenly by wear. Different seeds give different textures of the same
+    /// look.
     #[must_use]
     pub fn material(&self, seed: u32) -> Material {
         let Self { motif, count, colours, metres, coat } = *self;
@@ -40,7 +42,7 @@ impl Look {
     }
 }
 
-/// The picture, darkened unevenly: from large spots down to single pixels.
+/// Darkens a texture image by noise of all scales, from large spots down to single pixels.
 fn worn(picture: &Grid<Rgb>, seed: u32) -> Grid<Rgb> {
     let colours = [110.0, 190.0, 255.0].map(|grey| [grey; 3]);
     let wear = Pattern { motif: Motif::Clouds, count: 1, colours, grain: 0.4, seed: !seed }.draw(SIDE);

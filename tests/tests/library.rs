@@ -1,4 +1,4 @@
-//! The library as other programs use it: photographs in memory, depth maps one by one, and an end when they want it.
+//! The library as other programs use it: photographs in memory, depth maps one by one, and cancellation.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -91,10 +91,10 @@ fn depth_maps_and_cloud_in_memory_are_those_of_the_files() {
     assert!(cloud.len() > 5000);
     let of_files = io::ply::read(&done.cloud).unwrap();
     assert_eq!((cloud.len() as u64, cloud.len()), (done.fusion.points, of_files.len()));
-    // The file holds single precision.
+    // This PLY file stores positions in single precision.
     let place = |point: &vamvs::core::CloudPoint| point.x_in_world.map(|x| x as f32);
     assert!(cloud.iter().zip(&of_files).all(|(a, b)| place(a) == place(b) && a.colour == b.colour));
-    // A program's own map beside them has no neighbours: it has a part all the same.
+    // A map that the program adds itself lists no neighbours. It takes part in fusion all the same.
     let mut mixed = maps;
     mixed[3] = ViewMap { view: 0, neighbours: Vec::new(), ..mixed[3].clone() };
     let mixed = fuse_in_memory(&mixed, &fusion(), &mut ignore).unwrap();
@@ -116,7 +116,7 @@ fn a_photograph_that_cannot_be_had_is_told_and_has_no_part() {
     let maps: Vec<ViewMap> = work.depth_maps(Box::new(listen)).map(Result::unwrap).collect();
     assert_eq!(maps.iter().map(|map| map.view).collect::<Vec<_>>(), [0, 2, 3]);
     assert!(warnings.len() == 1 && warnings[0].contains("no such photograph"), "{warnings:?}");
-    // Whatever maps a program fuses, those of one view too few are no cloud and no error.
+    // A single map gives an empty cloud, not an error.
     assert!(fuse_in_memory(&maps[..1], &fusion(), &mut ignore).unwrap().is_empty());
 }
 

@@ -1,4 +1,4 @@
-//! What a depth map is expected to take, against what it takes.
+//! The predicted peak memory of a depth map against the measured peak of the process.
 
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
@@ -9,15 +9,16 @@ use vamvs_core::{Planes, Size, Spacing};
 use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile, tch};
 use vamvs_tests::{fixtures, folder};
 
-/// Views of a depth map, and planes.
+/// Views of a depth map, the reference view included.
 const VIEWS: usize = 3;
+/// Planes of the sweep.
 const PLANES: usize = 64;
 
-/// What expected over taken may be. The same process takes a tenth more or less from run to run, and small maps are the
-/// hardest to tell: most of it is not tensors.
+/// Accepted ratios of the predicted to the measured peak. The measured peak varies by a tenth from run to run. Small
+/// maps are the hardest to predict, since most of their memory is not in tensors.
 const LIKELY: std::ops::Range<f64> = 0.7..1.6;
 
-/// Tells the child which network, coarse stride and size it measures.
+/// Environment variable that tells the child process what to measure: `NETWORK COARSE_STRIDE WIDTHxHEIGHT`.
 const ASKED: &str = "VAMVS_TEST_PEAK";
 
 /// Built-in networks with the coarse strides they are used with.
@@ -34,17 +35,17 @@ fn the_expected_peak_is_that_of_the_process() {
             let (expected, peak) = peak_in_a_process(&format!("{network} {coarse_stride} {size}"));
             let ratio = expected / peak;
             println!(
-                "{network}, a coarse stride of {coarse_stride}, {size}: {expected:.0} MiB expected, {peak:.0} MiB taken"
+                "{network}, a coarse stride of {coarse_stride}, {size}: {expected:.0} MiB predicted, {peak:.0} measured"
             );
             ratios
                 .push((format!("{network}, a coarse stride of {coarse_stride}, {size}: {ratio:.2}"), ratio));
         }
     }
     let wrong: Vec<_> = ratios.iter().filter(|(_, ratio)| !LIKELY.contains(ratio)).collect();
-    assert!(wrong.is_empty(), "expected over taken: {wrong:?}");
+    assert!(wrong.is_empty(), "predicted over measured: {wrong:?}");
 }
 
-/// The expected and the real peak of a process that makes one depth map, MiB.
+/// The predicted and the measured peak of a child process that makes one depth map, MiB.
 fn peak_in_a_process(asked: &str) -> (f64, f64) {
     let name = "the_expected_peak_is_that_of_the_process";
     let mut child = Command::new(std::env::current_exe().unwrap());
@@ -55,7 +56,7 @@ fn peak_in_a_process(asked: &str) -> (f64, f64) {
     (expected.parse().unwrap(), peak.parse().unwrap())
 }
 
-/// Makes a depth map in this process, and says what it was expected to take and what it took.
+/// Makes a depth map in this process and prints the predicted and the measured peak.
 fn measure(asked: &str) {
     let parts: Vec<&str> = asked.split(' ').collect();
     let (width, height) = parts[2].split_once('x').unwrap();
@@ -77,7 +78,7 @@ fn measure(asked: &str) {
     println!("\npeak of {expected:.1} {:.1}", held("VmHWM:"));
 }
 
-/// A line of `/proc/self/status`, MiB.
+/// The value of the line of `/proc/self/status` that begins with `what`, MiB.
 fn held(what: &str) -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix(what)).unwrap();

@@ -1,4 +1,5 @@
-//! The network crate on rendered scenes: exact ground truth, invariances, independence of how the work is cut.
+//! The network crate on rendered scenes: accuracy against exact ground truth, invariances, and independence of the
+//! sizes of slabs and strips.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -15,12 +16,12 @@ use vamvs_tests::{Rendered, fixtures, folder};
 
 const PAPERS: [&str; 6] = ["avg", "max", "var", "vis-avg", "vis-max", "vis-var"];
 
-/// A network of each aggregation.
+/// The names of one network for each aggregation, for [`module`].
 fn of_each_aggregation() -> impl Iterator<Item = &'static str> {
     PAPERS.into_iter().chain(["weights/vis-corr"])
 }
 
-/// A small untrained network, or one of the shipped ones in `weights/`.
+/// Loads a small untrained network of `tests/modules`, or, if the name begins with `weights/`, a shipped one.
 fn module(name: &str) -> Network {
     let folder = if name.starts_with("weights/") { ".." } else { "modules" };
     let path = format!("{}/{folder}/{name}.pt", env!("CARGO_MANIFEST_DIR"));
@@ -33,7 +34,7 @@ fn estimator(name: &str) -> Estimator {
     Estimator::new(network, options).unwrap()
 }
 
-/// The depth map of the first photo by comparison with the others.
+/// Estimates the depth map of the first photograph; the others are its source views.
 fn depth(estimator: &Estimator, photos: &[&Photo], planes: &Planes) -> DepthMap {
     let encoded: Vec<_> =
         tch::no_grad(|| photos.iter().map(|photo| estimator.network().encode(photo).unwrap()).collect());
@@ -45,7 +46,8 @@ fn planes(view: &Rendered, count: usize) -> Planes {
     Planes { range: folder::depth_range(view, 1.05).unwrap(), count, spacing: Spacing::Depth }
 }
 
-/// Share of pixels whose depths differ by less than `limit`, relatively.
+/// Share of pixels at which the depth of `a`, times `scale`, differs from that of `b` by less than `limit`, relative to
+/// `b`.
 fn agreement(a: &DepthMap, b: &DepthMap, scale: f64, limit: f64) -> f64 {
     assert_eq!(a.depth.size(), b.depth.size());
     let pairs = a.depth.data().iter().zip(b.depth.data());
@@ -63,7 +65,7 @@ fn all_aggregations_give_depth_and_confidence_for_any_size_and_number_of_views()
             let photos: Vec<_> = views[..count].iter().map(|view| &view.photo).collect();
             let planes = planes(&views[0], 16);
             let map = depth(&estimator, &photos, &planes);
-            // vis-corr ends at a quarter of the photograph's size.
+            // vis-corr has no flow iterations, so its map is a quarter of the photograph's size.
             let size = if PAPERS.contains(&name) { Size::new(53, 42) } else { Size::new(26, 21) };
             assert_eq!(map.depth.size(), size, "{name}");
             let DepthRange { near, far } = planes.range;
@@ -76,7 +78,8 @@ fn all_aggregations_give_depth_and_confidence_for_any_size_and_number_of_views()
     }
 }
 
-/// The rest of a peak is an estimate, beside which the example `profile` of the network's crate prints what it is.
+/// Only the features' part of the predicted peak is exact; the rest is an estimate. The example `profile` of
+/// `vamvs-net` prints both the predicted and the measured peak.
 #[test]
 fn of_a_peak_features_are_counted_exactly_and_smaller_pieces_take_less() {
     let size = Size::new(107, 85);
@@ -130,7 +133,7 @@ fn a_network_that_asks_for_it_looks_at_the_first_sources_alone_in_its_flow() {
     assert!(flow(&estimator, &[1, 2, 3]).equal(&two));
 }
 
-/// A sweep with slabs of any size.
+/// A sweep without a limit on the size of its slabs: all planes are one slab.
 fn swept<'a>(
     network: &'a Network,
     reference: &'a EncodedView,
@@ -141,7 +144,8 @@ fn swept<'a>(
     SweepInputs { network, reference, sources, planes, level, slab_bytes: usize::MAX }
 }
 
-/// The volume of the paper's networks is never whole; what is regularised slab by slab is as if it were.
+/// The paper's networks never hold the whole cost volume: [`costs`] regularises it slab by slab. The costs must equal
+/// those of regularising the whole volume of [`sweep`].
 #[test]
 fn a_volume_that_is_never_whole_gives_the_costs_of_a_whole_one() {
     let views = fixtures::still_life(Size::new(107, 85), 3);
@@ -168,7 +172,8 @@ fn a_volume_that_is_never_whole_gives_the_costs_of_a_whole_one() {
     }
 }
 
-/// The native kernels of vis-corr against the tensors that they replace, which features with gradients still go through.
+/// The native kernels of vis-corr against the tensor operations that they replace. Features that need gradients still
+/// use the tensor operations.
 #[test]
 fn native_kernels_give_what_tensors_give() {
     let views = fixtures::still_life(Size::new(107, 85), 4);
@@ -184,7 +189,7 @@ fn native_kernels_give_what_tensors_give() {
         (volume.detach(), Tensor::stack(&visibility, 0).detach())
     };
     let (found, expected) = (volume(&native), volume(&tensors));
-    assert!(expected.0.abs().max().double_value(&[]) > 0.01, "there is something to compare");
+    assert!(expected.0.abs().max().double_value(&[]) > 0.01, "the volume is not zero");
     assert_near(&found.0, &expected.0);
     assert_near(&found.1, &expected.1);
     let refined = |views: &[EncodedView]| {
@@ -201,15 +206,15 @@ fn native_kernels_give_what_tensors_give() {
     assert_near(&found.1, &expected.1);
 }
 
-/// Equal but for the order of sums.
+/// Asserts equality up to rounding, which depends on the order of summation.
 fn assert_near(found: &Tensor, expected: &Tensor) {
     assert_eq!(found.size(), expected.size());
     let apart = (found - expected).abs().max().double_value(&[]);
     let largest = expected.abs().max().double_value(&[]);
-    assert!(apart < 1e-4 * largest, "{apart} apart, the largest is {largest}");
+    assert!(apart < 1e-4 * largest, "difference {apart}, largest value {largest}");
 }
 
-/// What the shipped vis-max averages, and what it takes the largest of.
+/// The shipped vis-max takes the maximum over the source views of all channels but the last, which it averages.
 #[test]
 fn of_a_volume_the_last_channels_are_means_over_the_views_and_the_others_maxima() {
     let views = fixtures::still_life(Size::new(96, 64), 4);
@@ -245,7 +250,7 @@ fn the_result_does_not_depend_on_slabs_strips_or_threads() {
             tch::set_num_threads(before);
             map
         };
-        // 5 hypotheses × 20 columns: strips of 8 of the 28 rows.
+        // At 1/8 a row has 5 hypotheses × 20 columns = 100 points, so 800 points are strips of 8 of the 28 rows.
         let (whole, cut) = (with(1 << 30, 1 << 30, 2), with(1, 800, 1));
         let same = agreement(&whole, &cut, 1.0, 1e-4);
         assert!(same > 0.999, "{name}: {same}");
@@ -273,7 +278,7 @@ fn scale_rotation_and_place_of_the_scene_change_nothing() {
     }
 }
 
-/// The photograph of the scene x ↦ scale · R · x + t.
+/// The same photograph with the pose it has when the world is transformed by x ↦ scale · R · x + t.
 fn moved(photo: &Photo, scale: f64, rotation: &nalgebra::Matrix3<f64>, shift: &Vector3<f64>) -> Photo {
     let new_rotation = photo.cam_from_world.rotation * rotation.transpose();
     let translation = scale * photo.cam_from_world.translation - new_rotation * shift;
@@ -290,7 +295,8 @@ fn photometric_reconstructs_a_tilted_plane() {
     let (mut errors, mut inner) = (Vec::new(), Vec::new());
     for y in 0..map.depth.height() {
         for x in 0..map.depth.width() {
-            // The plane's depth at the corner of four pixels is the harmonic mean of theirs.
+            // Inverse depth is linear over the image of a plane. So the depth at the corner that four pixels share is
+            // the harmonic mean of the depths at their centres.
             let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| ground_truth[(2 * x + i, 2 * y + j)]);
             let ground_truth = 4.0 / four.iter().map(|d| 1.0 / d).sum::<f32>();
             let error = (map.depth[(x, y)] - ground_truth).abs() / ground_truth;
@@ -333,7 +339,8 @@ fn a_region_gives_the_depth_of_the_whole_there() {
     assert!(same as f64 > 0.95 * f64::from(count), "{same} of {count}");
 }
 
-/// A coarse stride of 4: what is enlarged stays inside, all sizes, places and cameras are still the photograph's.
+/// With a coarse stride of 4 the network enlarges the photograph internally. All sizes, regions and cameras that go in
+/// and out are still those of the photograph.
 #[test]
 fn smaller_cells_give_what_enlarged_photographs_give() {
     let views = fixtures::tilted_plane(Size::new(202, 150), 3);
@@ -349,7 +356,7 @@ fn smaller_cells_give_what_enlarged_photographs_give() {
     assert_eq!(map.depth.size(), Size::new(101, 75));
     assert_eq!(map.camera, order[0].camera.resized(map.depth.size()));
 
-    // The part of the photograph that a region asks for, in whole strides.
+    // A region is extended to whole strides.
     let encoded = tch::no_grad(|| small.network().encode(order[0]).unwrap());
     let (part, place) = encoded.cropped(&PixelBox { x0: 21, y0: 30, x1: 131, y1: 201 }).unwrap();
     assert_eq!((place.x0, place.y0, place.x1, place.y1), (16, 24, 136, 152));
@@ -364,12 +371,13 @@ fn smaller_cells_give_what_enlarged_photographs_give() {
     large.options_mut().iterations = iterations.map(|i| Iteration { scale: 2 * i.scale, ..*i }).collect();
     let other = depth(&large, &enlarged.each_ref(), &planes);
     assert_eq!(other.camera, map.camera);
-    // But for the costs at the wide stride, it is the same.
+    // The only difference is that `small` blends in the costs at a stride of 8.
     let same = agreement(&map, &other, 1.0, 0.005);
     assert!(same > 0.9, "{same}");
 }
 
-/// The costs at the wide stride are those of a network that has no other.
+/// With a coarse stride of 4, level 1 of the sweep has a stride of 8. Its volume is that of a network with a coarse
+/// stride of 8.
 #[test]
 fn the_wide_cells_of_enlarged_photographs_are_the_cells_of_the_photographs() {
     let views = fixtures::still_life(Size::new(107, 85), 3);
@@ -412,9 +420,10 @@ fn requests_without_sense_are_errors() {
 fn foveated_maps_are_the_whole_map_inside_and_coarser_around() {
     let views = fixtures::still_life(Size::new(256, 192), 3);
     let planes = planes(&views[0], 16);
-    // With a coarse stride of 8: the region is 32×24 pixels of the finest map. At 1/4 it grows by a quarter to each side,
-    // to 24×18 pixels (48..144 by 36..108 of the image), 16×12 of which are the region; at 1/8 all that is left. With
-    // a coarse stride of 4 there is nothing between the coarse map, at 1/4, and the finest.
+    // The number of pixels that each scale contributes, from coarse to fine. With a coarse stride of 8: at 1/2 the
+    // region, 32×24 pixels. At 1/4 the region grown by a quarter of its size on each side, 24×18 pixels (48..144 by
+    // 36..108 of the image), less the 16×12 of the region itself. At 1/8 the rest. With a coarse stride of 4 there is
+    // no map between the coarse one, at 1/4, and the finest.
     let (wide, small) = ([32 * 24 - 12 * 9, 24 * 18 - 16 * 12, 32 * 24], [64 * 48 - 16 * 12, 32 * 24]);
     for (name, counts) in [("vis-max", &wide[..]), ("vis-var", &wide), ("weights/vis-max", &small)] {
         let estimator = estimator(name);
@@ -442,7 +451,7 @@ fn foveated_maps_are_the_whole_map_inside_and_coarser_around() {
         assert_eq!(maps.iter().map(pixels).collect::<Vec<_>>(), counts, "{name}");
         let map = &maps[last];
         assert_eq!(map.camera, whole.camera);
-        // What is far from the borders knows nothing of them.
+        // Far from the region's border the depth is that of the whole map.
         let centre =
             |x: usize, y: usize| (map.depth[(x, y)] - whole.depth[(x, y)]).abs() / whole.depth[(x, y)];
         assert!(centre(48, 36) < 1e-4, "{name}: {}", centre(48, 36));

@@ -1,4 +1,5 @@
-//! Training: gradients against finite differences, a run that learns, a run that is interrupted.
+//! Training: gradients against finite differences, a run that lowers its loss, a run that is interrupted, sampling,
+//! calibration and given visibility.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -22,8 +23,9 @@ fn network(name: &str) -> Network {
     Network::load(path.as_ref(), Device::Cpu).unwrap()
 }
 
-/// What the gradient of a loss says against what the loss does, a little along the gradient itself. The loss
-/// bends strongly, so the step is as short as single precision allows.
+/// Asserts that the slope of the loss along its gradient, by central differences, is the gradient's norm to 5 %. Only
+/// the parameters whose names begin with one of `parts` count. The loss is strongly curved, so the step is as short as
+/// single precision allows.
 fn assert_gradient(network: &Network, parts: &[&str], loss: impl Fn() -> Tensor) {
     let parameters: Vec<Tensor> = network
         .parameters()
@@ -35,7 +37,7 @@ fn assert_gradient(network: &Network, parts: &[&str], loss: impl Fn() -> Tensor)
     loss().backward();
     let gradients: Vec<Tensor> = parameters.iter().map(|p| p.grad().detach().copy()).collect();
     let norm = gradients.iter().map(|g| g.square().sum(Kind::Double).double_value(&[])).sum::<f64>().sqrt();
-    assert!(norm > 1e-6, "{parts:?}: there is no gradient");
+    assert!(norm > 1e-6, "{parts:?}: the gradient vanishes");
     let moved = |step: f64| {
         tch::no_grad(|| {
             for (parameter, gradient) in parameters.iter().zip(&gradients) {
@@ -54,8 +56,8 @@ fn assert_gradient(network: &Network, parts: &[&str], loss: impl Fn() -> Tensor)
     parameters.iter().for_each(|p| p.shallow_clone().zero_grad());
 }
 
-/// Random biases: those of a new network are 0, so that what is 0, such as features beyond an image's
-/// border, sits exactly on the kink of ReLU, where there is no derivative.
+/// Randomises all biases. Those of a new network are 0, so that zero inputs, such as features beyond the image
+/// border, sit exactly on the kink of ReLU, where there is no derivative.
 fn move_off_kinks(network: &Network) {
     tch::manual_seed(5);
     tch::no_grad(|| {
@@ -67,7 +69,7 @@ fn move_off_kinks(network: &Network) {
     });
 }
 
-/// Lets normalisation layers see the scene, so that their running statistics are near its own.
+/// Runs the network 20 times, so that the running statistics of its normalisation layers approach the scene's.
 fn gather_statistics(estimator: &Estimator, views: &[Rendered], planes: &Planes) {
     tch::no_grad(|| {
         for _ in 0..20 {
@@ -79,7 +81,8 @@ fn gather_statistics(estimator: &Estimator, views: &[Rendered], planes: &Planes)
     });
 }
 
-/// A smooth loss of a map: its weighted mean, in double precision so that little of a short step is lost.
+/// A smooth loss of a map: a weighted mean. It is in double precision so that the small change over a short step is not
+/// rounded away.
 fn loss(map: &Tensor) -> Tensor {
     let size = map.numel() as i64;
     let weights = (Tensor::arange(size, (Kind::Float, Device::Cpu)) * 0.7).sin() + 0.3;
@@ -129,7 +132,7 @@ fn gradients_of_every_stage_are_those_of_finite_differences() {
     }
 }
 
-/// A scene with true depth in a folder.
+/// Writes a rendered scene of four views with true depth maps into a folder.
 fn scene(folder: &Path) {
     let views = fixtures::still_life(Size::new(128, 96), 4);
     folder::write_mvsnet(folder, &views, |index| format!("{index:08}"), 1.05).unwrap();
@@ -267,7 +270,7 @@ fn a_view_with_little_truth_is_learnt_from_and_one_without_any_is_not() {
     assert!(error.contains("found none, nor in 7 others"), "{error}");
     pfm::write(&views[0].depth, &little).unwrap();
     let drawn: Vec<_> = (0..8).filter_map(|number| draw(&training, &options, 0, number).ok()).collect();
-    assert!(drawn.len() >= 6, "the view is found in nine of ten rounds, {}", drawn.len());
+    assert!(drawn.len() >= 6, "the view is found in nine of ten draws, {}", drawn.len());
     for sample in drawn {
         assert!(sample.true_depths(1).data().iter().any(|depth| *depth > 0.0));
     }
@@ -310,7 +313,7 @@ fn a_calibrated_network_tells_the_fitted_share_as_its_confidence() {
     for (told, raw) in told.data().iter().zip(raw.data()) {
         assert_eq!(*told, map.at(f64::from(*raw)) as f32);
     }
-    // Another fit forgets the first: the same map again.
+    // Calibrating again starts from the raw confidence and gives the same map.
     calibrate(&mut estimator, &training, &measure).unwrap();
     assert_eq!(estimator.network().manifest().calibration, Some(map));
 }
@@ -324,12 +327,12 @@ fn views_can_be_weighted_by_the_true_visibility() {
     let estimator = Estimator::new(network, options).unwrap();
     let mut sample = whole(&training.scenes[0], 0, &measure).unwrap();
     let views = tch::no_grad(|| sample.encode(estimator.network()).unwrap());
-    assert!(sample.masks(estimator.network(), &views[0]).unwrap().is_none(), "nobody asked for it");
+    assert!(sample.masks(estimator.network(), &views[0]).unwrap().is_none(), "it is off by default");
     sample.true_visibility = true;
     let unknown = sample.masks(estimator.network(), &views[0]).unwrap_err().to_string();
     assert!(unknown.contains("true-visibility") && unknown.contains("visibility/"), "{unknown}");
 
-    // The second source sees the left half of the photograph only.
+    // The second source view sees only the left half of the reference photograph.
     let size = sample.ground_truth.depth.size();
     let half = |x: usize, _: usize| if x < 64 { Visibility::Visible } else { Visibility::Occluded };
     sample.ground_truth.visibility = vec![Grid::filled(size, Visibility::Visible), Grid::from_fn(size, half)];

@@ -1,4 +1,4 @@
-//! `cargo xtask bench`: what takes how long.
+//! `cargo xtask bench`: runs the benchmarks and prints the time of a depth map by stage.
 
 use std::process::Stdio;
 
@@ -8,15 +8,15 @@ use clap::Args;
 use crate::step::run;
 use crate::{cargo, setup};
 
-/// The network that is measured.
+/// File of the network that is measured.
 const MODULE: &str = "tests/modules/paper-var.pt";
 
-/// What the network is measured on: width, height, views, planes.
+/// The depth maps that are measured: width and height in pixels, views, planes.
 const SIZES: [[&str; 4]; 2] = [["640", "512", "5", "48"], ["1280", "960", "5", "96"]];
 
-/// Measure: benchmarks of geometry and fusion, and a depth map's time by stage with its peak memory.
+/// Run the benchmarks of geometry, fusion and refinement, and measure a depth map's time by stage and peak memory.
 ///
-/// Sets up libtorch first, if need be.
+/// Sets up libtorch first, if there is none.
 #[derive(Args)]
 pub struct Bench {}
 
@@ -33,8 +33,8 @@ impl Bench {
     }
 }
 
-/// What the network's profile prints for a size: pairs of a stage and its time, the last the total
-/// with the peak memory.
+/// Runs the example `profile` for a size. Returns what it prints as pairs of a name and a value: the time of each
+/// stage, the total time, and memory.
 fn profile(size: &[&str]) -> Result<Vec<(String, String)>> {
     let mut command =
         cargo(&["run", "--release", "--quiet", "-p", "vamvs-net", "--example", "profile", "--"]);
@@ -44,7 +44,7 @@ fn profile(size: &[&str]) -> Result<Vec<(String, String)>> {
     Ok(rows(&String::from_utf8_lossy(&output.stdout)))
 }
 
-/// Lines such as `Sweep 1.234 s` and `total 5.678 s, peak 910 MiB` as rows.
+/// Splits lines such as `Sweep 1.234 s` and `total 5.678 s, peak 910 MiB` into names, in lower case, and values.
 fn rows(output: &str) -> Vec<(String, String)> {
     let parts = output.lines().flat_map(|line| line.split(", "));
     let rows = parts.filter_map(|part| part.split_once(' '));

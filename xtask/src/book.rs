@@ -1,4 +1,4 @@
-//! `cargo xtask book`: the documents as a book.
+//! `cargo xtask book`: builds the documents as a book with mdBook.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,10 +11,10 @@ use crate::files::{copy, list, remove, write};
 use crate::step::{root, run, target};
 use crate::{cargo, setup};
 
-/// The version of mdBook.
+/// The version of mdBook to install.
 const MDBOOK: &str = "0.5.4";
 
-/// Documents outside of `docs/`, which has all the others and the pictures.
+/// Documents outside `docs/`, and files that documents link to. All of `docs/` is in the book too.
 const DOCUMENTS: [&str; 18] = [
     "README.md",
     "ARCHITECTURE.md",
@@ -36,7 +36,7 @@ const DOCUMENTS: [&str; 18] = [
     "weights/vis-var.md",
 ];
 
-/// Build the documents as a book, with the command's reference, in target/book.
+/// Build the documents and the command's reference as a book in target/book.
 #[derive(Debug, Args)]
 pub struct Book {}
 
@@ -48,7 +48,7 @@ impl Book {
     }
 }
 
-/// Builds the book with the reference of `program`.
+/// Builds the book. The command reference is the help of `program`, the `vamvs` command.
 pub fn build(program: &Path) -> Result<()> {
     let source = target()?.join("book-source");
     remove(&source)?;
@@ -70,18 +70,18 @@ pub fn build(program: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Appends the help of a command and of those below it.
+/// Appends the help of a command and of its subcommands to `page`.
 fn describe(program: &Path, command: &[String], page: &mut String) -> Result<()> {
-    // Lines are as long as on a terminal of 100 columns.
+    // Help is wrapped at 100 columns.
     let help = Command::new(program).args(command).arg("--help").env("COLUMNS", "100").output();
     let help = help.with_context(|| format!("{} could not be started", program.display()))?;
-    let help = String::from_utf8(help.stdout).context("the help is not UTF-8")?;
+    let help = String::from_utf8(help.stdout).context("the help is not valid UTF-8")?;
     ensure!(help.contains("Usage:"), "vamvs {} has no help", command.join(" "));
     let title = [&["vamvs".to_owned()], command].concat().join(" ");
     page.push_str(&format!("\n## {title}\n\n```text\n{}\n```\n", help.trim_end()));
     let below = help.split_once("Commands:\n").map_or("", |(_, below)| below);
     let names = below.lines().map_while(|line| line.strip_prefix("  "));
-    // Lines that go on are indented further.
+    // Continuation lines are indented further.
     for name in names.filter(|line| !line.starts_with(' ')).filter_map(|line| line.split(' ').next()) {
         if name != "help" {
             describe(program, &[command, &[name.to_owned()]].concat(), page)?;
@@ -90,7 +90,7 @@ fn describe(program: &Path, command: &[String], page: &mut String) -> Result<()>
     Ok(())
 }
 
-/// Checks that what pages link to is there.
+/// Checks that every file that a page links to exists.
 fn check_links(pages: &Path) -> Result<()> {
     let mut folders = vec![pages.to_owned()];
     while let Some(folder) = folders.pop() {
@@ -102,7 +102,7 @@ fn check_links(pages: &Path) -> Result<()> {
                 for link in links(&text) {
                     ensure!(
                         folder.join(link).exists(),
-                        "{} links to {link}, which is not there",
+                        "{} links to {link}, which does not exist",
                         path.display()
                     );
                 }
@@ -112,13 +112,13 @@ fn check_links(pages: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The files that a page links to.
+/// The paths of the files that a page links to, without `#…`. Web addresses do not count.
 fn links(text: &str) -> impl Iterator<Item = &str> {
     let targets = text.split("](").skip(1).filter_map(|after| after.split([')', '#']).next());
     targets.filter(|link| !link.is_empty() && !link.contains("://"))
 }
 
-/// The program mdBook, built once.
+/// The path of mdBook, which is installed in the target folder at the first call.
 fn mdbook() -> Result<PathBuf> {
     let tools = target()?.join("book-tools");
     let program = tools.join("bin").join(format!("mdbook{}", std::env::consts::EXE_SUFFIX));

@@ -1,4 +1,4 @@
-//! Commands that the program `vamvs-checks` has: it is built, and given their arguments.
+//! The commands that `vamvs-checks` implements: builds that program and runs it with the command's arguments.
 
 use std::ffi::OsString;
 use std::process::Command;
@@ -9,7 +9,7 @@ use clap::Args;
 use crate::step::{run, target};
 use crate::{cargo, setup};
 
-/// A command of `vamvs-checks`, which knows its arguments.
+/// A command of `vamvs-checks`. Its arguments are passed on unread, also `--help`.
 #[derive(Args)]
 #[command(disable_help_flag = true)]
 pub struct Check {
@@ -19,7 +19,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// Sets up libtorch if need be, builds the `vamvs` command and `vamvs-checks`, and runs the check `name`.
+    /// Sets up libtorch if there is none, builds the `vamvs` command and `vamvs-checks`, and runs the check `name`.
     pub fn run(&self, name: &str) -> Result<()> {
         setup::ensure_any()?;
         let packages = ["build", "--release", "-p", "vamvs-cli", "-p", "vamvs-checks"];

@@ -1,4 +1,4 @@
-//! `cargo xtask dist`: a folder that runs where nothing is installed.
+//! `cargo xtask dist`: packs the command with all that it needs to run on a machine where nothing is installed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,22 +15,22 @@ use crate::{cargo, setup};
 /// Pack the `vamvs` command with its libtorch, man pages, completions and licences into a .tar.gz.
 #[derive(Args)]
 pub struct Dist {
-    /// Folder for the packed folder and the archive.
+    /// Folder for the archive and for the folder that it is packed from.
     #[arg(long, value_name = "DIR", default_value = "target/dist")]
     out: PathBuf,
 }
 
 impl Dist {
     pub fn run(&self) -> Result<()> {
-        ensure!(cfg!(target_os = "linux"), "a folder with its own libtorch is packed on Linux only");
+        ensure!(cfg!(target_os = "linux"), "cargo xtask dist works on Linux only");
         setup::ensure_any()?;
         ensure!(
             setup::used_folder() == setup::own_folder(),
-            "what is packed is the pinned libtorch: unset LIBTORCH and run this again"
+            "only the pinned libtorch can be packed: unset LIBTORCH and run this again"
         );
         ensure!(
             setup::own_folder().join("licenses").is_dir() && !setup::own_folder().join("site").exists(),
-            "what is packed is the libtorch for the CPU with its licences: remove .libtorch and run this again"
+            "only the libtorch for the CPU, with its licences, can be packed: remove .libtorch and run this again"
         );
         run("build", &mut cargo(&["build", "--release", "-p", "vamvs-cli"]))?;
         let name = format!("vamvs-{}-{}-linux", env!("CARGO_PKG_VERSION"), std::env::consts::ARCH);
@@ -47,16 +47,17 @@ impl Dist {
     }
 }
 
-/// Puts everything into the folder.
+/// Fills the folder that is packed.
 fn fill(folder: &Path) -> Result<()> {
     let program = folder.join("bin/vamvs");
     copy(&target()?.join("release/vamvs"), &program)?;
-    // Line numbers of panics are most of its size. Without strip it is larger, and else the same.
+    // Debug information, for the line numbers of panics, is most of the size. If there is no `strip`, the program is
+    // larger and otherwise the same.
     Command::new("strip").arg("--strip-debug").arg(&program).status().ok();
     let libtorch = setup::own_folder();
     for library in list(&libtorch.join("lib"))? {
         let name = library.file_name().context("a library has a name")?;
-        // The linker's script is for builds.
+        // `libtorch.so` is a linker script, used only by builds.
         if name != "libtorch.so" {
             copy(&library, &folder.join("lib").join(name))?;
         }
@@ -82,7 +83,8 @@ fn fill(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The licences of all crates that the command is made of, with their texts, and where libtorch's are.
+/// The text of LICENSES.txt: where the licences of libtorch are, and the licence and its text for each crate in the
+/// command.
 fn licences() -> Result<String> {
     let output =
         cargo(&["metadata", "--format-version", "1", "--filter-platform", "x86_64-unknown-linux-gnu"])
@@ -91,8 +93,8 @@ fn licences() -> Result<String> {
     let metadata: Value = serde_json::from_slice(&output.stdout).context("cargo metadata")?;
     let used = used_by(&metadata, "vamvs-cli");
     let mut text = String::from(
-        "Beside vamvs itself: lib/ holds libtorch and libraries of NVIDIA CUDA that it asks for, whose licences are in \
-         licenses/, and libgomp of GCC (GPL-3.0 with the runtime library exception). bin/vamvs is made with these \
+        "Besides vamvs itself, lib/ holds libtorch and the libraries of NVIDIA CUDA that it needs, whose licences are \
+         in licenses/, and libgomp of GCC (GPL-3.0 with the runtime library exception). bin/vamvs contains these \
          crates:\n",
     );
     for package in metadata["packages"].as_array().into_iter().flatten() {
@@ -112,7 +114,7 @@ fn licences() -> Result<String> {
     Ok(text)
 }
 
-/// The ids of all packages that a package is built with, at run time.
+/// The ids of a package and of all its dependencies, direct and indirect, without build and dev dependencies.
 fn used_by<'a>(metadata: &'a Value, name: &str) -> Vec<&'a str> {
     let nodes = || metadata["resolve"]["nodes"].as_array().into_iter().flatten();
     let root = metadata["packages"].as_array().into_iter().flatten().find(|package| package["name"] == name);
@@ -132,7 +134,7 @@ fn used_by<'a>(metadata: &'a Value, name: &str) -> Vec<&'a str> {
     used
 }
 
-/// The texts of the licences in a crate's folder.
+/// The texts of all licence files in a crate's folder, joined.
 fn texts(folder: &Path) -> Result<String> {
     let is_licence = |path: &PathBuf| {
         let name = path.file_name().unwrap_or_default().to_string_lossy().to_uppercase();

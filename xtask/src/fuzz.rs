@@ -1,4 +1,4 @@
-//! `cargo xtask fuzz`: coverage-guided fuzzing of the readers of files.
+//! `cargo xtask fuzz`: coverage-guided fuzzing of the file readers.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,46 +10,50 @@ use clap::Args;
 use crate::step::run;
 use crate::{cargo, root};
 
-/// What stable Rust needs to instrument code for libFuzzer: counters of edges, the values of comparisons.
+/// Compiler flags with which stable Rust instruments code for libFuzzer: it counts edges and records compared values.
 const INSTRUMENTED: &str = "-Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
     -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
     -Cllvm-args=-sanitizer-coverage-trace-compares --cfg fuzzing -Ccodegen-units=1";
 
-/// Longest input, bytes: the whole files are shorter.
+/// Longest input, bytes. The seeds, small valid files, are shorter.
 const LONGEST: usize = 4096;
 
-/// An input may take so many seconds, and so many MiB.
+/// Limits of one input: seconds and MiB.
 const LIMITS: (usize, usize) = (30, 4096);
 
-/// Try the readers of files with inputs that reach new code (libFuzzer; g++ builds it).
+/// Fuzz the file readers with libFuzzer, which g++ builds.
 ///
-/// Each reader begins with small whole files and keeps what reached new code in a folder of its own. An input
-/// at which a reader panics, takes 4 GiB or 30 seconds is saved there as crash-…, oom-… or timeout-….
+/// Each reader starts from small valid files. Inputs that reach new code are kept in a folder for each reader. An
+/// input at which a reader panics, exceeds 4 GiB or exceeds 30 seconds is saved in --folder as READER-crash-…,
+/// READER-oom-… or READER-timeout-….
 #[derive(Args)]
 pub struct Fuzz {
-    /// Readers, by the names in crates/vamvs-io/tests/malformed/readers.rs [default: all].
+    /// Names of readers, from crates/vamvs-io/tests/malformed/readers.rs [default: all].
     #[arg(value_name = "READER")]
     readers: Vec<String>,
-    /// Minutes a reader.
+    /// Minutes for each reader.
     #[arg(long, value_name = "N", default_value_t = 10.0)]
     minutes: f64,
-    /// Folder of what was found and of the inputs that reached new code [default: target/fuzz/corpus].
+    /// Folder for inputs that failed and inputs that reached new code [default: target/fuzz/corpus].
     #[arg(long, value_name = "DIR")]
     folder: Option<PathBuf>,
 }
 
-/// How it went with a reader.
+/// The result of a reader.
 struct Fuzzed {
     reader: String,
+    /// Number of inputs tried.
     inputs: u64,
+    /// Number of inputs in the reader's folder.
     kept: usize,
+    /// Whether no input failed.
     good: bool,
 }
 
 impl Fuzz {
     pub fn run(&self) -> Result<()> {
         let (target, host) = (root().join("target/fuzz"), host()?);
-        // With a target of its own, build scripts are not instrumented.
+        // With --target, RUSTFLAGS do not apply to build scripts, which must not be instrumented.
         let mut build = cargo(&["build", "--release", "--target", &host]);
         build
             .current_dir(root().join("fuzz"))
@@ -114,15 +118,15 @@ impl Fuzz {
     }
 }
 
-/// The name of this machine's target, as the compiler tells it.
+/// The target triple of this machine, from `rustc -vV`.
 fn host() -> Result<String> {
     let told = Command::new("rustc").arg("-vV").output().context("rustc could not be started")?;
     let told = String::from_utf8_lossy(&told.stdout).into_owned();
     let host = told.lines().find_map(|line| line.strip_prefix("host: ")).map(str::to_owned);
-    host.context("`rustc -vV` tells no line `host: …`")
+    host.context("`rustc -vV` prints no line `host: …`")
 }
 
-/// The names of all readers, from the list that tests and fuzzing share.
+/// The names of all readers, from the source file that the tests and the fuzzer share.
 fn all_readers() -> Result<Vec<String>> {
     let list = root().join("crates/vamvs-io/tests/malformed/readers.rs");
     let text = fs::read_to_string(&list).with_context(|| list.display().to_string())?;

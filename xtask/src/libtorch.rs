@@ -1,27 +1,27 @@
-//! Which libtorch the workspace is built against, and what of it.
+//! The libtorch that the workspace is built against: its version, and the wheels and the files in them that are needed.
 //!
-//! tch binds exactly one version. The Python wheel carries that libtorch; of its 1.2 GB a build for
-//! the CPU needs the headers and three libraries, and two small CUDA libraries that libtorch_cpu
-//! asks for even where there is no GPU.
+//! tch binds exactly one version. The Python wheel of torch contains that libtorch. Of its 1.2 GB a build for the CPU
+//! needs the headers and three libraries. libtorch_cpu also links two small CUDA libraries, even on a machine without a
+//! GPU; they are in two further wheels.
 
 /// The version that the pinned tch binds.
 pub const VERSION: &str = "2.11.0";
 
-/// A wheel of the Python package index, and the parts of it that are needed.
+/// A wheel of the Python package index, and the files in it that are needed.
 pub struct Wheel {
     /// Name and version, as pip takes them.
     pub requirement: &'static str,
-    /// The platform the wheel is built for, as pip takes it.
+    /// Platform tag of the wheel, as pip takes it.
     pub platform: &'static str,
     /// File name.
     pub file: &'static str,
-    /// SHA-256 of the file, hexadecimal.
+    /// SHA-256 of the file, lower-case hexadecimal.
     pub sha256: &'static str,
-    /// Files, and folders that end with `/`: where in the wheel, and where to put them.
+    /// Files, and folders with a final `/`: path in the wheel, and path in the libtorch folder.
     pub parts: &'static [(&'static str, &'static str)],
 }
 
-/// The wheels that make a libtorch for the CPU.
+/// The wheels from which the libtorch for the CPU is assembled.
 pub const WHEELS: [Wheel; 3] = [
     Wheel {
         requirement: "torch==2.11.0",
@@ -58,6 +58,6 @@ pub const WHEELS: [Wheel; 3] = [
     },
 ];
 
-/// What the linker finds under the name that torch-sys links: a script instead of a library, since
-/// the wheel's `libtorch.so` would ask for all of CUDA.
+/// Path and text of the linker script that replaces the wheel's `libtorch.so`, which torch-sys links. The original
+/// would pull in all of CUDA.
 pub const LINKER_SCRIPT: (&str, &str) = ("lib/libtorch.so", "INPUT(libtorch_cpu.so)\n");

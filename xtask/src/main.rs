@@ -1,7 +1,7 @@
-//! What the repository needs done beside building: `cargo xtask COMMAND`.
+//! `cargo xtask COMMAND`: the repository's tasks besides building, such as set-up, tests and packaging.
 //!
-//! This program starts others and needs none of the workspace's crates, so that it is compiled in seconds. What looks
-//! at depth maps and clouds is in `vamvs-checks`, which is built with the `vamvs` command.
+//! This program starts other programs and depends on no crate of the workspace, so that it compiles in seconds.
+//! Commands that read depth maps and clouds are in `vamvs-checks`, which is built together with the `vamvs` command.
 
 mod bench;
 mod book;
@@ -27,12 +27,12 @@ use clap::Parser;
 use check::Check;
 use step::root;
 
-/// Set-up, tests and demonstrations of the repository.
+/// Set-up, tests, packaging and demonstrations of the repository.
 #[derive(Parser)]
 #[command(name = "cargo xtask", bin_name = "cargo xtask", disable_help_subcommand = true)]
 enum Command {
     Setup(setup::Setup),
-    /// Reconstruct a rendered still life, compare the cloud with the ground truth and show it all on one page.
+    /// Reconstruct a rendered still life, compare the result with the ground truth and show all on one page.
     Demo(Check),
     Test(test::Test),
     Dist(dist::Dist),
@@ -42,19 +42,19 @@ enum Command {
     Bench(bench::Bench),
     Fuzz(fuzz::Fuzz),
     Cluster(workflow::Cluster),
-    /// Render a PLY cloud to a PNG, seen from where most of its surface is visible.
+    /// Render a PLY cloud to a PNG, from a viewpoint that sees most of its surface.
     Picture(Check),
-    /// Reconstruct real photographs and show what comes out.
+    /// Reconstruct real photographs, draw the results and write a table of them.
     Real(Check),
-    /// Run the paper's experiments on a small synthetic set and write its tables, the paper's figures beside ours.
+    /// Run the paper's experiments on small synthetic sets and write its tables, with the paper's own figures.
     Paper(Check),
     /// Fuse a scene of many depth maps within several memory budgets, and compare results, time and memory.
     Stress(Check),
-    /// Plan a run of many aerial photographs, and tell time and memory.
+    /// Plan a run of many aerial photographs with `vamvs tasks`, and print its time and memory.
     Aerial(Check),
-    /// Run small random reconstructions, disturb them, and compare what they end with.
+    /// Disturb small random reconstructions, and compare their results with those of undisturbed runs.
     Soak(Check),
-    /// Open a report in headless Chromium: fail on any message on its console or an empty cloud, take a picture.
+    /// Open a report in headless Chromium and take a screenshot; fail on an empty cloud or any console message.
     ReportCheck(Check),
 }
 
@@ -84,7 +84,7 @@ fn main() -> ExitCode {
     ExitCode::from(u8::from(done.is_err()))
 }
 
-/// The Cargo that runs this program, in the repository's root.
+/// A command of the Cargo that started this program, run in the repository's root.
 fn cargo(arguments: &[&str]) -> process::Command {
     let mut command =
         process::Command::new(std::env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));

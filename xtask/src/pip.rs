@@ -1,4 +1,4 @@
-//! Calls of pip, which brings the wheels.
+//! Downloads and installs Python wheels with pip.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail, ensure};
 
 use crate::libtorch::Wheel;
 
-/// Checks that there is a Python with pip.
+/// Checks that `python3` is there and has pip.
 pub fn check() -> Result<()> {
     let quiet =
         python().args(["-m", "pip", "--version"]).stdout(Stdio::null()).stderr(Stdio::null()).status();
@@ -26,7 +26,7 @@ pub fn check() -> Result<()> {
     }
 }
 
-/// Downloads one wheel into a folder, whatever Python and platform pip itself runs on.
+/// Downloads one wheel into a folder, for the wheel's platform whatever Python and platform pip itself runs on.
 pub fn download(wheel: &Wheel, folder: &Path) -> Result<()> {
     let mut command = python();
     command.args(["-m", "pip", "download", "--no-deps", "--only-binary=:all:", "--python-version", "3.12"]);
@@ -34,7 +34,7 @@ pub fn download(wheel: &Wheel, folder: &Path) -> Result<()> {
     let status = command.status().context("python3 could not be started")?;
     ensure!(
         status.success(),
-        "pip could not download {} (its message is above). Is this machine online, and is there room on the \
+        "pip could not download {} (its message is above). Is this machine online, and is there space on the \
          disk? To set up offline, put {} into {} and run the command again",
         wheel.requirement,
         wheel.file,
@@ -43,14 +43,14 @@ pub fn download(wheel: &Wheel, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Installs packages and all that they depend on into a folder, which takes so much `room`.
+/// Installs packages and their dependencies into a folder. `room` is the disk space that this needs, for the message.
 pub fn install(requirements: &[&str], folder: &Path, room: &str) -> Result<()> {
     let mut command = python();
     command.args(["-m", "pip", "install", "--quiet", "--only-binary=:all:", "--upgrade", "--target"]);
     let status = command.arg(folder).args(requirements).status().context("python3 could not be started")?;
     ensure!(
         status.success(),
-        "pip could not install {} (its message is above). Is this machine online, and are there {room} of room on \
+        "pip could not install {} (its message is above). Is this machine online, and are there {room} free on \
          the disk?",
         requirements.join(", ")
     );

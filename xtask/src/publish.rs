@@ -1,4 +1,4 @@
-//! `cargo xtask publish-check`: what others need of the crates, beside that they work here. Nothing is published.
+//! `cargo xtask publish-check`: checks that the crates work for others when they are published. Publishes nothing.
 
 use std::fs;
 use std::path::Path;
@@ -11,20 +11,20 @@ use crate::files::{create_folder, write};
 use crate::step::{root, run, target};
 use crate::{cargo, setup};
 
-/// The crates that programs embed: their public API is listed in docs/api.
+/// The crates that other programs embed. docs/api has a list of the public API of each.
 const EMBEDDED: [&str; 6] = ["vamvs", "vamvs-core", "vamvs-eval", "vamvs-fusion", "vamvs-io", "vamvs-refine"];
 
 /// Members of the workspace that are not published.
 const OWN: [&str; 4] = ["vamvs-checks", "vamvs-python", "vamvs-tests", "xtask"];
 
-/// Platforms that the build without libtorch is type-checked for.
+/// Platforms for which the build without libtorch is type-checked.
 const PLATFORMS: [&str; 3] = ["aarch64-unknown-linux-gnu", "aarch64-apple-darwin", "x86_64-pc-windows-msvc"];
 
-/// Check what others need of the crates: packages, the lowest Rust version, other platforms, documentation without
-/// libtorch, the list of the public API, and a program outside of the workspace.
+/// Check the crates as others use them: packages, the lowest Rust version, other platforms, documentation without
+/// libtorch, a program outside the workspace, and the list of the public API.
 ///
-/// Needs what the tests do not: rustup with the toolchain of `rust-version`, nightly and the platforms, and
-/// cargo-public-api.
+/// Needs more than the tests: rustup with the toolchain of `rust-version`, a nightly toolchain and the platforms'
+/// targets, and cargo-public-api.
 #[derive(Args)]
 pub struct PublishCheck {
     /// Write docs/api anew instead of comparing with it.
@@ -44,7 +44,7 @@ impl PublishCheck {
         self.public_api()
     }
 
-    /// Lists the public API of the embedded crates, and compares it with docs/api.
+    /// Lists the public API of the embedded crates and compares it with docs/api, or writes it there.
     fn public_api(&self) -> Result<()> {
         for name in EMBEDDED {
             println!("── public API of {name}");
@@ -75,8 +75,8 @@ impl PublishCheck {
         let (added, gone) = (new(listed, &kept), new(&kept, listed));
         ensure!(
             added.is_empty() && gone.is_empty(),
-            "the public API is not that of {}; if that is meant, --update-api writes it anew, and CHANGELOG.md tells \
-             it\n+ {}\n- {}",
+            "the public API differs from {}; if that is intended, run this with --update-api and describe the change \
+             in CHANGELOG.md\n+ {}\n- {}",
             file.display(),
             added.join("\n+ "),
             gone.join("\n- ")
@@ -85,7 +85,7 @@ impl PublishCheck {
     }
 }
 
-/// Packs all crates that would be published and builds each from its package.
+/// Packages all crates that are published, and builds each from its package.
 fn package() -> Result<()> {
     let mut package = cargo(&["package", "--workspace", "--allow-dirty"]);
     OWN.iter().for_each(|own| {
@@ -104,7 +104,8 @@ fn lowest_rust() -> Result<()> {
     run(&format!("check with Rust {version}"), &mut check)
 }
 
-/// Type-checks the command without the network for other platforms. Without their C compilers: blake3 is Rust alone then.
+/// Type-checks the command without the network for other platforms. CARGO_FEATURE_PURE keeps blake3 to its Rust code,
+/// so that no C compilers for the platforms are needed.
 fn platforms() -> Result<()> {
     for platform in PLATFORMS {
         let arguments = ["check", "-p", "vamvs-cli", "--no-default-features", "--target", platform];
@@ -121,7 +122,7 @@ fn documentation_without_libtorch() -> Result<()> {
     run("document without libtorch", &mut doc)
 }
 
-/// Builds and runs the program outside of the workspace, which must print its one line and nothing else.
+/// Builds and runs `checks/outside`. It must print one line and nothing else, with a median error below 0.02 m.
 fn outside(arguments: &[&str], kind: &str) -> Result<()> {
     let folder = root().join("checks/outside");
     let target = target()?.join("outside");
@@ -150,7 +151,7 @@ fn outside(arguments: &[&str], kind: &str) -> Result<()> {
 fn rustup(version: &str) -> Command {
     let mut command = Command::new("rustup");
     command.args(["run", version, "cargo"]).current_dir(root());
-    // A toolchain's cargo that starts this program names itself in these.
+    // The cargo that started this program has set these variables to its own toolchain.
     ["CARGO", "RUSTC", "RUSTDOC", "RUSTUP_TOOLCHAIN"].iter().for_each(|name| {
         command.env_remove(name);
     });

@@ -1,4 +1,4 @@
-//! The Python package: its tests, and `cargo xtask wheel`.
+//! `cargo xtask wheel`, and the tests of the Python package.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -12,7 +12,7 @@ use crate::{cargo, pip, setup};
 
 /// Build the Python package `vamvs` as a wheel.
 ///
-/// It uses the libtorch of the package torch, which pip installs with it.
+/// The wheel depends on the package torch, whose libtorch it uses.
 #[derive(Args)]
 pub struct Wheel {
     /// Folder for the wheel.
@@ -29,16 +29,17 @@ impl Wheel {
         let mut maturin =
             Command::new(tools.join("bin").join(format!("maturin{}", std::env::consts::EXE_SUFFIX)));
         maturin.args(["build", "--release", "--out"]).arg(&out).current_dir(package());
-        // Its flags differ from those of plain builds, which would else be made anew each time.
+        // maturin builds with other flags: in a shared target folder each would make the other rebuild everything.
         run("wheel", maturin.env("PYTHONPATH", &tools).env("CARGO_TARGET_DIR", target()?.join("wheel")))?;
         println!("the wheel is in {}", out.display());
         Ok(())
     }
 }
 
-/// Tests the package as it is in the repository, with the libtorch of [`setup`] in the place of torch's.
+/// Tests the package as it is in the repository. The libtorch of [`setup`] stands in for that of torch.
 pub fn test() -> Result<()> {
-    // All of the workspace, as the tests before: alone the package would have its dependencies with other features.
+    // The whole workspace, as for the Rust tests. Built alone, the package would rebuild its dependencies with other
+    // features.
     run("build the Python package", &mut cargo(&["build", "--workspace"]))?;
     let site = target()?.join("python-site");
     pip::install(&["numpy>=1.24,<3", "pytest>=8,<10"], &site, "200 MB")?;
@@ -48,7 +49,7 @@ pub fn test() -> Result<()> {
     run("test the Python package", pytest.env("PYTHONPATH", &site).env("PYTHONDONTWRITEBYTECODE", "1"))
 }
 
-/// Puts the package and what passes for torch among installed packages.
+/// Puts the package and a stand-in for torch into the folder of installed packages `site`.
 fn assemble(site: &Path) -> Result<()> {
     let (vamvs, torch) = (site.join("vamvs"), site.join("torch"));
     [&vamvs, &torch].into_iter().try_for_each(|folder| remove(folder))?;

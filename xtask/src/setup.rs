@@ -1,7 +1,7 @@
-//! `cargo xtask setup`: brings the pinned libtorch into `.libtorch/`.
+//! `cargo xtask setup`: installs the pinned libtorch in `.libtorch/`.
 //!
-//! Everything is made under another name and renamed when it is complete; a stamp, written last, says
-//! so. A set-up that was interrupted starts again from the wheels that it already has.
+//! Folders are filled under another name and renamed when they are complete. A stamp file, written last, marks a
+//! complete set-up. An interrupted set-up starts again and uses the wheels that it has already downloaded.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,17 +13,17 @@ use clap::Args;
 use crate::files::{create_folder, remove, replace, write};
 use crate::{libtorch, pip, root, unpack};
 
-/// Bring the pinned libtorch into `.libtorch/`, where every build finds it.
+/// Install the pinned libtorch in `.libtorch/`, where every build finds it.
 ///
 /// Set LIBTORCH to use a libtorch 2.11.0 of your own instead.
 #[derive(Args)]
 pub struct Setup {
-    /// The libtorch for NVIDIA GPUs: 4.7 GB instead of 0.5.
+    /// Install the libtorch for NVIDIA GPUs: 4.7 GB instead of 0.5 GB.
     #[arg(long)]
     cuda: bool,
 }
 
-/// What kind of libtorch is in place; the stamp's text tells it.
+/// The kind of libtorch, recorded in the stamp file.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Cpu,
@@ -36,25 +36,25 @@ impl Setup {
     }
 }
 
-/// Where the pinned libtorch is.
+/// The folder of the pinned libtorch.
 pub fn own_folder() -> PathBuf {
     root().join(".libtorch")
 }
 
-/// Where the libtorch is that builds use: the pinned one, or the user's.
+/// The folder of the libtorch that builds use: the user's if LIBTORCH names one, else the pinned one.
 pub fn used_folder() -> PathBuf {
     let folder = own_folder();
     users_libtorch(&folder).unwrap_or(folder)
 }
 
-/// Sets up whatever libtorch a build needs, unless there is one.
+/// Sets up the libtorch for the CPU, unless there is a libtorch that builds can use.
 pub fn ensure_any() -> Result<()> {
     Setup { cuda: false }.run()
 }
 
 fn ensure_libtorch(folder: &Path, kind: Kind) -> Result<()> {
     if let Some(own) = users_libtorch(folder) {
-        println!("LIBTORCH is set to {}: that libtorch is used, nothing to set up", own.display());
+        println!("LIBTORCH is set to {}: builds use that libtorch, nothing to set up", own.display());
         return Ok(());
     }
     if let Some(present) = present(folder, kind) {
@@ -82,7 +82,7 @@ fn ensure_libtorch(folder: &Path, kind: Kind) -> Result<()> {
     Ok(())
 }
 
-/// The file that says that all is in place, and what.
+/// Name of the file that marks a complete set-up and names its kind.
 const STAMP: &str = "stamp";
 
 impl Kind {
@@ -98,7 +98,8 @@ impl Kind {
     }
 }
 
-/// A libtorch that the user chose by LIBTORCH; Cargo itself sets it to the repository's folder.
+/// The libtorch that the user chose with LIBTORCH. `None` if LIBTORCH is empty or `folder`, to which
+/// `.cargo/config.toml` sets it by default.
 fn users_libtorch(folder: &Path) -> Option<PathBuf> {
     let given = PathBuf::from(std::env::var_os("LIBTORCH")?);
     let same = given == folder
@@ -106,7 +107,8 @@ fn users_libtorch(folder: &Path) -> Option<PathBuf> {
     (!same && !given.as_os_str().is_empty()).then_some(given)
 }
 
-/// The complete libtorch in place that serves for `wanted`; the one for CUDA serves for both.
+/// The kind of the libtorch that is completely set up in `folder`, if it serves as `wanted`. The one for CUDA serves as
+/// both.
 fn present(folder: &Path, wanted: Kind) -> Option<Kind> {
     let stamp = fs::read_to_string(folder.join(STAMP)).ok()?;
     let kind = [Kind::Cpu, Kind::Cuda].into_iter().find(|kind| kind.stamp() == stamp)?;
@@ -132,7 +134,7 @@ fn install_cpu(folder: &Path) -> Result<()> {
     remove(&wheels)
 }
 
-/// Downloads a wheel, unless it is there, and checks it.
+/// Downloads a wheel unless it is there, and verifies its SHA-256.
 fn fetch(wheel: &libtorch::Wheel, wheels: &Path) -> Result<()> {
     let file = wheels.join(wheel.file);
     if unpack::has_sha256(&file, wheel.sha256)? {
@@ -146,8 +148,8 @@ fn fetch(wheel: &libtorch::Wheel, wheels: &Path) -> Result<()> {
     let found = if file.exists() { "another file" } else { "no file" };
     remove(&file)?;
     anyhow::bail!(
-        "pip brought {found} of the name {}, where the one with SHA-256 {} was expected. Does a mirror or \
-         PIP_FIND_LINKS offer another build?",
+        "pip downloaded {found} named {}, expected one with SHA-256 {}. Does a mirror or PIP_FIND_LINKS offer \
+         another build?",
         wheel.file,
         wheel.sha256
     )
@@ -166,13 +168,13 @@ fn install_cuda(folder: &Path) -> Result<()> {
     remove(&folder.join("wheels"))
 }
 
-/// Makes a link.
+/// Makes a symbolic link at `link` that points to `target`.
 #[cfg(unix)]
 pub fn symlink(target: &Path, link: &Path) -> Result<()> {
     std::os::unix::fs::symlink(target, link).with_context(|| format!("{} could not be made", link.display()))
 }
 
-/// There is no libtorch to be set up elsewhere.
+/// Always an error: libtorch is set up on Linux only.
 #[cfg(not(unix))]
 pub fn symlink(_: &Path, _: &Path) -> Result<()> {
     anyhow::bail!("the libtorch for CUDA is set up on Linux only")

@@ -1,4 +1,5 @@
-//! A named command that must succeed, and where the repository and its builds are.
+//! Runs commands that must succeed, and finds the repository and its target folder. `vamvs-checks` includes this file
+//! too.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -6,7 +7,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 
-/// Runs a command, says what it is and how long it took.
+/// Runs a command and prints its name before and its time after. Fails if the command does.
 pub fn run(name: &str, command: &mut Command) -> Result<()> {
     println!("── {name}");
     let start = Instant::now();
@@ -16,9 +17,9 @@ pub fn run(name: &str, command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// Cargo's target folder, that this program is in.
+/// The Cargo target folder that this program is in.
 pub fn target() -> Result<PathBuf> {
-    let this = std::env::current_exe().context("where is this program?")?;
+    let this = std::env::current_exe().context("the path of this program is unknown")?;
     Ok(this.ancestors().nth(2).context("this program is not in a target folder")?.to_owned())
 }
 

@@ -1,4 +1,4 @@
-//! `cargo xtask test`: everything that must hold of a change.
+//! `cargo xtask test`: all checks that a change must pass.
 
 use std::time::Instant;
 
@@ -8,10 +8,10 @@ use clap::Args;
 use crate::step::{run, target};
 use crate::{book, cargo, python, setup, workflow};
 
-/// Check everything: formatting, lints, tests, documentation, the book, the Python package, Snakemake, the build without
-/// libtorch.
+/// Check everything: formatting, lints, tests, documentation, the Python package, Snakemake, the book, the build
+/// without libtorch.
 ///
-/// Sets up libtorch first, if need be.
+/// Sets up libtorch first, if there is none.
 #[derive(Args)]
 pub struct Test {}
 
@@ -28,12 +28,12 @@ impl Test {
         workflow::test(&vamvs)?;
         book::build(&vamvs)?;
         test_without_libtorch()?;
-        println!("all is well, after {:.0} s", start.elapsed().as_secs_f64());
+        println!("all checks passed in {:.0} s", start.elapsed().as_secs_f64());
         Ok(())
     }
 }
 
-/// Builds the command without the network where no libtorch can be found, and tests `vamvs fuse` in it.
+/// Builds the command without the network, with a LIBTORCH that does not exist, and runs its tests.
 fn test_without_libtorch() -> Result<()> {
     let mut test = cargo(&["test", "-p", "vamvs-cli", "--no-default-features"]);
     let target = ["--target-dir", "target/without-libtorch"];

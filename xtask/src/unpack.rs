@@ -1,4 +1,4 @@
-//! Checking wheels and taking parts out of them.
+//! Verifies wheels and unpacks parts of them.
 
 use std::fs::{self, File};
 use std::io::{self, BufReader};
@@ -8,7 +8,7 @@ use anyhow::{Context, Result, ensure};
 use sha2::{Digest, Sha256};
 use zip::ZipArchive;
 
-/// Whether a file is there and has a SHA-256, given in hexadecimal.
+/// Whether a file exists and its SHA-256 is `expected`, lower-case hexadecimal.
 pub fn has_sha256(file: &Path, expected: &str) -> Result<bool> {
     if !file.exists() {
         return Ok(false);
@@ -19,8 +19,8 @@ pub fn has_sha256(file: &Path, expected: &str) -> Result<bool> {
     Ok(format!("{:x}", hash.finalize()) == expected)
 }
 
-/// Unpacks parts of a zip file into a folder. A part is a file, or a folder that ends with `/`, in the
-/// archive, and its place in the folder.
+/// Unpacks parts of a zip file into a folder. A part is a pair: a file in the archive, or a folder with a final `/`,
+/// and its path in the folder. Fails if the archive lacks a part.
 pub fn unpack(archive: &Path, parts: &[(&str, &str)], folder: &Path) -> Result<()> {
     let file = File::open(archive).with_context(|| format!("{} cannot be opened", archive.display()))?;
     let mut zip = ZipArchive::new(BufReader::new(file))
@@ -41,7 +41,8 @@ pub fn unpack(archive: &Path, parts: &[(&str, &str)], folder: &Path) -> Result<(
     Ok(())
 }
 
-/// The part to which an entry of the archive belongs, and its place; `None` if it is not wanted.
+/// The number of the part to which an entry of the archive belongs, and the entry's path in the folder; `None` if it
+/// belongs to no part, is a folder, or has `..` in its path.
 fn destination(entry: &str, parts: &[(&str, &str)]) -> Option<(usize, PathBuf)> {
     if entry.ends_with('/') || entry.split('/').any(|name| name == "..") {
         return None;

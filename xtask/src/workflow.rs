@@ -1,4 +1,5 @@
-//! Reconstructions that other programs spread over processes: Snakemake, and with `cargo xtask cluster` SLURM.
+//! Checks of reconstructions that a workflow manager spreads over processes: Snakemake, and with `cargo xtask cluster`
+//! SLURM.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,15 +12,16 @@ use crate::files::{create_folder, remove, write};
 use crate::step::{root, run, target};
 use crate::{cargo, pip, setup};
 
-/// Snakemake, the version that is tested.
+/// The version of Snakemake that is tested, as pip takes it.
 const SNAKEMAKE: &str = "snakemake==9.27.1";
 
-/// The first Python that it runs on: 3 and this.
+/// Minor version of the oldest Python 3 that this Snakemake runs on.
 const PYTHON: u32 = 11;
 
-/// Run a reconstruction on a SLURM cluster of two nodes on this machine, with and without Snakemake; kill a task and a node.
+/// Reconstruct on a SLURM cluster of two nodes on this machine, with and without Snakemake, while a task and a node are
+/// killed.
 ///
-/// Needs root, and of Debian or Ubuntu the packages slurm-wlm and munge, with no SLURM set up yet.
+/// Needs root and the packages slurm-wlm and munge of Debian or Ubuntu. There must be no SLURM configuration yet.
 #[derive(Args)]
 pub struct Cluster {}
 
@@ -37,7 +39,8 @@ impl Cluster {
     }
 }
 
-/// Runs tasks with Snakemake, several at a time, and compares the cloud with that of one process.
+/// Runs the tasks of a reconstruction with Snakemake, up to four at a time. The cloud must be that of one process, byte
+/// for byte. Skipped where Python is too old.
 pub fn test(vamvs: &Path) -> Result<()> {
     if !python_suffices()? {
         println!("── Snakemake is not tested: it needs Python 3.{PYTHON}");
@@ -62,7 +65,7 @@ pub fn test(vamvs: &Path) -> Result<()> {
     Ok(())
 }
 
-/// A small synthetic scene.
+/// A small synthetic scene in `folder/set`.
 struct Scene {
     folder: PathBuf,
 }
@@ -78,7 +81,7 @@ impl Scene {
         Ok(Self { folder: folder.to_owned() })
     }
 
-    /// `vamvs COMMAND` of the scene with an output folder of this name.
+    /// The command line `vamvs COMMAND` for the scene, with the output folder `out` in `folder`.
     fn command(&self, vamvs: &Path, command: &str, out: &str) -> Command {
         let scene = self.folder.join("set/scene-00000");
         let mut run = Command::new(vamvs);
@@ -89,10 +92,10 @@ impl Scene {
     }
 }
 
-/// Installs Python packages into a folder of their own.
+/// Installs Python packages into a folder of their own and returns it, for PYTHONPATH.
 fn site(requirements: &[&str]) -> Result<PathBuf> {
     let site = target()?.join("snakemake");
-    // There is no wheel of this one, which is Python alone.
+    // This dependency has no wheel; it is pure Python.
     let from_source = ["--no-binary=connection_pool"];
     pip::install(&[&from_source, requirements].concat(), &site, "200 MB")?;
     Ok(site)

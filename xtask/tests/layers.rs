@@ -1,10 +1,10 @@
-//! The layers of the workspace: arrows point down only, and siblings do not see each other.
+//! Checks the layers of the workspace: a crate depends only on crates of lower layers, not on those of its own.
 
 use std::process::Command;
 
 use serde_json::Value;
 
-/// A crate may use those of lower layers, and none of its own or a higher one.
+/// The layers, lowest first. A crate may use crates of lower layers, and none of its own or a higher one.
 const LAYERS: [&[&str]; 7] = [
     &["vamvs-core", "vamvs-weights"],
     &["vamvs-io", "vamvs-fusion", "vamvs-eval", "vamvs-net", "vamvs-refine"],
@@ -23,7 +23,7 @@ fn layer(name: &str) -> usize {
     layer.unwrap_or_else(|| panic!("{name} has no layer: add it to LAYERS"))
 }
 
-/// The packages of the workspace, as Cargo describes them.
+/// The packages of the workspace, as `cargo metadata` describes them.
 fn packages() -> Vec<Value> {
     let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo.args(["metadata", "--no-deps", "--offline", "--format-version", "1"]);
@@ -33,7 +33,7 @@ fn packages() -> Vec<Value> {
     metadata["packages"].as_array().expect("cargo metadata lists packages").clone()
 }
 
-/// Names and kinds (`None`, `"dev"`, `"build"`) of what a package depends on.
+/// Names and kinds (`None`, `"dev"`, `"build"`) of a package's dependencies.
 fn dependencies(package: &Value) -> impl Iterator<Item = (&str, Option<&str>)> {
     let dependencies = package["dependencies"].as_array().into_iter().flatten();
     dependencies.map(|d| (name(d), d["kind"].as_str()))
@@ -46,7 +46,7 @@ fn name(item: &Value) -> &str {
 #[test]
 fn crates_use_lower_layers_only() {
     let packages = packages();
-    assert_eq!(packages.len(), LAYERS.concat().len(), "every crate has a layer, and every name is a crate's");
+    assert_eq!(packages.len(), LAYERS.concat().len(), "each crate is in LAYERS, each name there is a crate");
     for package in &packages {
         let name = name(package);
         let used = dependencies(package).filter(|(used, kind)| {
@@ -72,7 +72,7 @@ fn only_the_command_line_parses_arguments() {
     for package in &packages() {
         let crate_name = name(package);
         let mut dependencies = package["dependencies"].as_array().into_iter().flatten();
-        // Optional, it names the values of enums.
+        // As an optional dependency, clap only gives enum values their names on the command line.
         let parses = |d: &Value| name(d) == "clap" && d["kind"].is_null() && d["optional"] == false;
         let uses_clap = dependencies.any(parses);
         assert!(

@@ -1,11 +1,11 @@
-//! Words that multi-view stereo has a term for are not used: `CONTRIBUTING.md`.
+//! Checks that sources and documents use the terms of the field (see `CONTRIBUTING.md`).
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::path::Path;
 use std::process::Command;
 
-/// What is written nowhere, in lower case, and the term to write instead.
+/// Pairs of a word that must not occur, in lower case, and the term to write instead.
 const TERMS: [(&str, &str); 33] = [
     ("made scene", "synthetic scene"),
     ("made scenes", "synthetic scenes"),
@@ -49,7 +49,7 @@ fn terms_are_the_fields() {
         Command::new("git").args(["ls-files", "*.rs", "*.md", "*.py", "*.pyi"]).current_dir(root).output();
     let listed = String::from_utf8(listed.expect("git lists the files").stdout).unwrap();
     assert!(listed.lines().count() > 100, "git lists no files");
-    // The changelog tells what things were called before.
+    // The changelog names former terms, and this file lists them.
     let others = ["CHANGELOG.md", "xtask/tests/terms.rs"];
     let found: Vec<String> = listed
         .lines()
@@ -59,10 +59,10 @@ fn terms_are_the_fields() {
     assert!(found.is_empty(), "{}", found.join("\n"));
 }
 
-/// The lines of a file that use another word than the field's.
+/// One message for each word of [`TERMS`] in a line of a file.
 fn problems(name: &str, text: &str) -> Vec<String> {
     let mut found = Vec::new();
-    // An old name is kept where files and commands of before are understood.
+    // Former names stay as aliases, so that old files can still be read.
     let lines = text.lines().enumerate().filter(|(_, line)| !line.contains("alias = \""));
     for (number, line) in lines {
         let line = line.to_lowercase();
@@ -72,7 +72,8 @@ fn problems(name: &str, text: &str) -> Vec<String> {
     found
 }
 
-/// Whether a line has a word, or words, that are not a part of another word and, for "truth", not of the term.
+/// Whether a line contains `word`, which may be several words, other than inside a longer word. For "truth", the term
+/// "ground truth" does not count.
 fn occurs(line: &str, word: &str) -> bool {
     let is_part = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
     line.match_indices(word).any(|(at, _)| {

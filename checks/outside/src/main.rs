@@ -1,8 +1,8 @@
-//! A program that embeds vamvs: it reconstructs a scene in memory, cancels a run, and prints one line at the end. The check
-//! that runs it fails if anything else is printed.
+//! A program outside the workspace that embeds vamvs. It cancels a run, reconstructs a scene in memory, and prints one
+//! line at the end. `cargo xtask publish-check` runs it and fails if it prints anything else.
 //!
-//! The scene is a wall with a pattern, 4 m away, seen from six places. Without the feature `net` the depth maps are known
-//! and only fused.
+//! The scene is a patterned wall 4 m away, seen by six cameras. Without the feature `net` the true depth maps are fused
+//! instead of estimated ones.
 
 use std::error::Error;
 use std::ops::ControlFlow;
@@ -21,7 +21,7 @@ const CAMERA: Camera = Camera {
     lens: Lens::None,
 };
 
-/// Distance of the wall, metres.
+/// Distance of the wall from the cameras (the plane z = 4), metres.
 const DISTANCE: f64 = 4.0;
 
 fn main() -> Result<()> {
@@ -48,7 +48,7 @@ fn scene() -> Scene {
     Scene { views: views.collect(), points: Vec::new(), pairs: None }
 }
 
-/// The wall as a view sees it.
+/// The photograph of the wall from a view.
 fn image(view: &View) -> Grid<Rgb> {
     let (eye, camera) = (view.cam_from_world.centre(), CAMERA.intrinsics);
     Grid::from_fn(SIZE, |x, y| {
@@ -57,13 +57,13 @@ fn image(view: &View) -> Grid<Rgb> {
     })
 }
 
-/// The wall's colour at a place, metres.
+/// The wall's colour at (x, y), metres.
 fn pattern(x: f64, y: f64) -> Rgb {
     let wave = |a: f64, b: f64, c: f64| (a * x + b * y + c * (3.0 * x * y).sin()).sin();
     [wave(23.0, 7.0, 2.0), wave(-9.0, 31.0, 3.0), wave(41.0, 37.0, 1.0)].map(|v| (128.0 + 100.0 * v) as u8)
 }
 
-/// The exact depth maps.
+/// The true depth maps, with a confidence of 1.
 fn exact(scene: &Scene) -> Vec<ViewMap> {
     let map = |(number, view): (usize, &View)| ViewMap {
         name: view.name.clone(),
@@ -82,7 +82,7 @@ fn exact(scene: &Scene) -> Vec<ViewMap> {
     scene.views.iter().enumerate().map(map).collect()
 }
 
-/// Ends a fusion at its first event.
+/// Cancels a fusion at its first event, which must give [`VamvsError::Cancelled`].
 fn cancel_fusion(maps: &[ViewMap]) -> Result<()> {
     match fuse_in_memory(maps, &FusionOptions::default(), &mut |_| ControlFlow::Break(())) {
         Err(VamvsError::Cancelled) => Ok(()),
@@ -110,7 +110,7 @@ mod network {
         }
     }
 
-    /// The depth maps that the network finds, after a run that was cancelled.
+    /// The depth maps that vis-corr estimates, after a first run that is cancelled at its first event.
     pub fn maps(scene: &Scene) -> Result<Vec<ViewMap>> {
         let run = || Reconstruction::with_photographs(scene.clone(), Wall).weights("vis-corr");
         let cancelled = run().prepare(&mut |_| ControlFlow::Continue(()))?;

@@ -1,4 +1,4 @@
-//! The demo's result against the ground truth.
+//! Compares the demo's result with the ground truth.
 
 use std::path::Path;
 
@@ -13,38 +13,38 @@ use vamvs_tests::Rendered;
 use super::scene::DemoScene;
 use crate::maps::{Map, relative_errors};
 
-/// How near to the ground truth a point must be, as a share of the scene's median depth.
+/// Distance threshold of precision and recall, as a share of the scene's median depth.
 const THRESHOLD: f64 = 0.01;
 
-/// Relative depth errors of interest.
+/// Thresholds of the relative depth error.
 pub const THRESHOLDS: [f64; 4] = [0.002, 0.005, 0.01, 0.02];
 
-/// Every so many-th true pixel, in both directions, is a true point.
+/// One pixel in this many, in x and in y, of the true depth maps gives a point of the true surface.
 const STEP: usize = 2;
 
-/// What the demo came to.
+/// The result of the comparison.
 pub struct Verdict {
-    /// The cloud.
+    /// The reconstructed cloud.
     pub cloud: Cloud,
-    /// How near to the ground truth a point must be, scene units.
+    /// Distance threshold of precision and recall, scene units.
     pub threshold: f64,
-    /// The cloud against the true one.
+    /// Precision, recall and distances of the cloud against the true surface.
     pub agreement: CloudErrors,
-    /// All depths against the true ones.
+    /// Errors of all depths.
     pub depth: DepthErrors,
-    /// The confident ones of them.
+    /// Errors of the depths that pass the photometric filter of fusion.
     pub confident: DepthErrors,
-    /// The true depth at the size of the depth maps, view by view.
+    /// The true depth of each view, at the size of the depth maps.
     pub ground_truth: Vec<Grid<f32>>,
-    /// The estimates, view by view.
+    /// The estimated map of each view.
     pub maps: Vec<Map>,
-    /// The cloud, coloured by distance to the ground truth.
+    /// The cloud, coloured by distance to the true surface.
     pub wrong: Cloud,
-    /// The ground truth, coloured by distance to the cloud.
+    /// Points of the true surface, coloured by distance to the cloud.
     pub missing: Cloud,
 }
 
-/// Compares what is in `out` with the scene.
+/// Compares the results in the output folder `out` with the scene's ground truth.
 pub fn judge(scene: &DemoScene, out: &Path) -> Result<Verdict> {
     let maps: Vec<Map> =
         (0..scene.views.len()).map(|view| Map::read(out, &DemoScene::name(view))).collect::<Result<_>>()?;
@@ -81,12 +81,12 @@ fn places(cloud: &[CloudPoint]) -> Vec<[f64; 3]> {
     cloud.iter().map(|point| point.x_in_world).collect()
 }
 
-/// A point of which nothing but the place is known.
+/// A point with a position and nothing else.
 fn bare(x_in_world: &[f64; 3]) -> CloudPoint {
     CloudPoint { x_in_world: *x_in_world, normal: [0.0; 3], colour: [0; 3], confidence: 1.0, views: 0 }
 }
 
-/// Points in the colours of their distances: white at 0, dark red at twice the threshold.
+/// Points coloured by their distances: white at 0, dark red from twice the threshold.
 fn coloured(cloud: impl Iterator<Item = CloudPoint>, distances: &[f64], threshold: f64) -> Cloud {
     let colour = |distance: f64| Scale::Error.at((0.5 * distance / threshold) as f32);
     cloud.zip(distances).map(|(point, &distance)| CloudPoint { colour: colour(distance), ..point }).collect()

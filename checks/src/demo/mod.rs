@@ -1,4 +1,4 @@
-//! `cargo xtask demo`: a scene with known ground truth, reconstructed, judged and shown.
+//! `cargo xtask demo`: reconstructs a scene with known ground truth, measures the result and shows it on a page.
 
 mod judge;
 mod report;
@@ -14,15 +14,15 @@ use crate::vamvs;
 use report::{Pictures, Run};
 use scene::DemoScene;
 
-/// Reconstruct a rendered still life, compare the cloud with the ground truth and show it all on one page.
+/// Reconstruct a rendered still life, compare the result with the ground truth and show all on one page.
 #[derive(Args)]
 pub struct Demo {
-    /// Folder for scene, result, pictures and report.
+    /// Folder for the scene, the result, pictures and the report.
     #[arg(long, value_name = "DIR", default_value = "demo")]
     out: PathBuf,
 }
 
-/// Wall-clock time of steps, in their order.
+/// Name and wall-clock time of each step, seconds, in order.
 #[derive(Default)]
 pub struct Times(Vec<(&'static str, f64)>);
 
@@ -55,7 +55,7 @@ impl Demo {
 fn reconstruct(scene: &DemoScene, out: &Path) -> Result<vamvs::Reconstruction> {
     let (cams, images) = (scene.cams(), scene.images());
     let arguments = ["--cams".as_ref(), cams.as_os_str(), "--images".as_ref(), images.as_os_str()];
-    // The light network: the demo shall take a minute.
+    // The light network, so that the demo takes about a minute.
     let how = ["--weights", "vis-corr", "--force"].map(str::as_ref);
     vamvs::reconstruct(&[&arguments[..], &how].concat(), out)
 }
@@ -63,7 +63,7 @@ fn reconstruct(scene: &DemoScene, out: &Path) -> Result<vamvs::Reconstruction> {
 fn print_results(run: &Run, out: &Path, report: &Path) {
     let agreement = &run.verdict.agreement.agreement[0];
     println!(
-        "\n{} points within 1 % of the scene's depth: precision {:.3}, recall {:.3}, F-score {:.3}",
+        "\n{} points, at a threshold of 1 % of the median depth: precision {:.3}, recall {:.3}, F-score {:.3}",
         run.verdict.cloud.len(),
         agreement.precision,
         agreement.recall,
@@ -76,7 +76,7 @@ fn print_results(run: &Run, out: &Path, report: &Path) {
 }
 
 impl Times {
-    /// Runs a step and books its time.
+    /// Runs a step and records its time.
     fn of<T>(&mut self, step: &'static str, work: impl FnOnce() -> Result<T>) -> Result<T> {
         let start = Instant::now();
         let result = work()?;
@@ -84,7 +84,7 @@ impl Times {
         Ok(result)
     }
 
-    /// Steps and seconds.
+    /// Name and seconds of each step.
     pub fn steps(&self) -> &[(&'static str, f64)] {
         &self.0
     }

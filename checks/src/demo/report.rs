@@ -1,4 +1,4 @@
-//! The demo's pictures and its page.
+//! Draws the demo's pictures and writes its page.
 
 use std::path::Path;
 
@@ -17,36 +17,36 @@ use super::judge::{THRESHOLDS, Verdict};
 use super::scene::DemoScene;
 use crate::vamvs::Reconstruction;
 
-/// Views that are shown.
+/// Numbers of the views that are shown.
 const SHOWN: [usize; 3] = [1, 5, 10];
 
-/// Width of one of the pictures of a view.
+/// Width of each panel in the picture of a view, pixels.
 const PANEL_WIDTH: usize = 400;
 
-/// The relative depth error with the last colour.
+/// The relative depth error at the end of the colour scale.
 const ERROR_END: f32 = 0.02;
 
-/// Size of the pictures of the cloud.
+/// Size of the pictures of the cloud, pixels.
 const CLOUD_SIZE: Size = Size::new(800, 600);
 
-/// Where the cloud is seen from: how many degrees to the right of the best direction, and a name.
+/// Viewpoints of the cloud: degrees to the right of the best direction, and a name.
 const SIDES: [(f64, &str); 3] = [(-32.0, "left"), (0.0, "front"), (32.0, "right")];
 
-/// All of a demo that its page tells.
+/// All that the demo's page shows.
 pub struct Run<'a> {
-    /// What was photographed.
+    /// The rendered scene.
     pub scene: &'a DemoScene,
     /// Output folder of `vamvs`.
     pub result: &'a Path,
-    /// What `vamvs` printed.
+    /// Summary and time of `vamvs reconstruct`.
     pub reconstruction: &'a Reconstruction,
     /// The comparison with the ground truth.
     pub verdict: &'a Verdict,
-    /// The pictures.
+    /// The pictures of views and clouds.
     pub pictures: &'a Pictures,
 }
 
-/// The pictures, which are files too.
+/// The pictures of the page, also saved as files.
 pub struct Pictures {
     views: Vec<ViewPicture>,
     colours: Vec<Picture>,
@@ -96,7 +96,7 @@ impl Pictures {
     }
 }
 
-/// Photograph, true depth, estimated depth, error and confidence of a view.
+/// A row of panels: photograph, true depth, estimated depth, relative error and confidence of a view.
 fn view_picture(scene: &DemoScene, verdict: &Verdict, view: usize, folder: &Path) -> Result<ViewPicture> {
     let (ground_truth, map) = (&verdict.ground_truth[view], &verdict.maps[view]);
     let true_depth = valid(ground_truth);
@@ -120,7 +120,7 @@ fn saved(image: &Grid<Rgb>, file: &Path) -> Result<Picture> {
 }
 
 impl Run<'_> {
-    /// The page.
+    /// Builds the page.
     pub fn page(&self, times: &Times) -> Result<Page> {
         let (photographs, size) = (self.scene.views.len(), self.scene.views[0].photo.image.size());
         let lead = format!(
@@ -150,9 +150,10 @@ impl Run<'_> {
         ]);
         page.paragraph(&format!(
             "Precision is the share of the cloud's points that are within {:.4} of the true surface (1 % of the \
-             scene's median depth), recall the share of the true surface that is within it of a point; surface \
-             that fewer than two photographs show does not count. The F-score is their harmonic mean. On \
-             average a point is {:.4} from the ground truth, and the ground truth {:.4} from a point.",
+             scene's median depth). Recall is the share of the true surface that is within this distance of a \
+             point; surface that fewer than two photographs show does not count. The F-score is their harmonic \
+             mean. The mean distance from the cloud to the true surface is {:.4}, from the true surface to the \
+             cloud {:.4}.",
             self.verdict.threshold, errors.accuracy.mean, errors.completeness.mean
         ));
     }
@@ -235,7 +236,7 @@ fn row(name: &str, errors: &DepthErrors) -> Vec<String> {
     row
 }
 
-/// What became of pixels, line by line.
+/// The rows of a table of pixel counts by outcome.
 fn outcomes(total: &ViewReport) -> Vec<Vec<String>> {
     let outcomes = std::iter::once(("all", total.pixels)).chain(total.outcomes());
     let share = |count: u64| percent(count as f64 / total.pixels.max(1) as f64, 1);

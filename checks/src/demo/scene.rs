@@ -7,22 +7,22 @@ use vamvs_core::{Grid, Size};
 use vamvs_synth::RenderOptions;
 use vamvs_tests::{Rendered, fixtures, folder, render, rig};
 
-/// Size of the photographs.
+/// Size of the photographs, pixels.
 const SIZE: Size = Size::new(640, 480);
 
 /// Number of photographs.
 const VIEWS: usize = 12;
 
-/// Light paths a pixel; their noise is smoothed.
+/// Light paths for each pixel; the renderer denoises the result.
 const SAMPLES: usize = 4;
 
-/// How much wider than the ground truth the given depth ranges are, as a factor at either end.
+/// Factor by which the given depth ranges are wider than the true ones at each end.
 const WIDER: f64 = 1.15;
 
-/// A scene in a folder.
+/// The rendered scene and its folder.
 pub struct DemoScene {
     root: PathBuf,
-    /// What the photographs show.
+    /// The photographs with their cameras and ground truth.
     pub views: Vec<Rendered>,
 }
 
@@ -50,7 +50,7 @@ impl DemoScene {
         format!("view-{view:02}")
     }
 
-    /// Writes photographs and cameras, without `pair.txt`: source views are to be found.
+    /// Writes photographs and cameras. There is no `pair.txt`, so `vamvs` selects the source views.
     pub fn write(&self) -> Result<()> {
         Ok(folder::write_mvsnet(&self.root, &self.views, Self::name, WIDER)?)
     }

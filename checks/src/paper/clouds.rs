@@ -1,4 +1,4 @@
-//! Clouds of the large scene: their quality, and the time and memory that they take.
+//! Reconstructions of the large scene: quality of the cloud, time and memory.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -14,20 +14,22 @@ use super::page::share;
 use super::{LARGE, Lab, text};
 use crate::vamvs;
 
-/// A cloud with what it took.
+/// The result of one reconstruction, with its time and memory.
 pub struct Cloud {
+    /// Size of the depth maps, `WIDTH×HEIGHT`.
     size: String,
+    /// Peak of resident memory of the process.
     peak_bytes: u64,
-    /// Of a depth map, all of it and the flow iterations' part.
+    /// Mean time of a depth map, seconds: all stages but reading and writing, and the flow iterations alone.
     seconds: [f64; 2],
     points: u64,
-    /// Precision, recall and F-score at the finer of the distances of `vamvs eval scene`; `None` without
-    /// points.
+    /// Precision, recall and F-score at the smallest distance threshold of `vamvs eval scene`; `None` for an empty
+    /// cloud.
     agreement: Option<[f64; 3]>,
 }
 
 impl Cloud {
-    /// As in table 5.
+    /// The cells of a row of table 5.
     pub fn cells(&self) -> Vec<String> {
         let [whole, _] = self.seconds;
         let agreement = match self.agreement {
@@ -43,7 +45,7 @@ impl Cloud {
     }
 }
 
-/// The clouds after 0, 1, … `most` flow iterations.
+/// Reconstructs the large scene with 0, 1, … `most` flow iterations.
 pub fn by_iterations(lab: &Lab, variant: &Variant, most: usize) -> Result<Vec<Cloud>> {
     let network = text(&lab.trained(variant)?);
     let cloud = |iterations: usize| {
@@ -53,7 +55,7 @@ pub fn by_iterations(lab: &Lab, variant: &Variant, most: usize) -> Result<Vec<Cl
     (0..=most).map(cloud).collect()
 }
 
-/// The rows of the foveated run and the whole one.
+/// Reconstructs the large scene whole and foveated, and returns the two rows of figure 15's table.
 pub fn foveated(lab: &Lab) -> Result<Vec<Vec<String>>> {
     let region = region(&scene(lab)?)?;
     let (roi, area) = (region.corners.map(|corner| format!("{corner:.4}")), region.share);
@@ -71,15 +73,17 @@ pub fn foveated(lab: &Lab) -> Result<Vec<Vec<String>>> {
     Ok(vec![row("whole", 1.0, &whole), row("foveated", area, &foveated)])
 }
 
-/// A box of the world and the share of the first photograph that its middle covers.
+/// A box in the world.
 struct Region {
+    /// x0, y0, z0, x1, y1, z1, scene units.
     corners: [f64; 6],
+    /// Share of the first photograph's area that the box's section at its centre's depth covers.
     share: f64,
 }
 
-/// A cube around what the middle of the first photograph shows.
+/// A cube around the surface point at the middle of the first photograph.
 fn region(scene: &Path) -> Result<Region> {
-    /// Half of the cube's side, as a share of what the photograph shows across at its depth.
+    /// Half of the cube's side, as a share of the width that the photograph covers at the depth of its centre.
     const HALF: f64 = 0.09;
     let view = mvsnet::read_cam(&scene.join("cams/00000000_cam.txt"), &mvsnet::Options::default())?;
     let depth = pfm::read_depth(&scene.join("depths/00000000.pfm"))?;
@@ -100,7 +104,8 @@ fn scene(lab: &Lab) -> Result<PathBuf> {
     Ok(lab.scenes(&LARGE)?.join("scene-00000"))
 }
 
-/// Runs `vamvs reconstruct` on the large scene, always anew, and `vamvs eval scene` on what it made.
+/// Runs `vamvs reconstruct` on the large scene, without reuse of earlier results, then `vamvs eval scene`. `more` are
+/// further flags of the reconstruction.
 fn reconstruct(lab: &Lab, name: &str, network: &str, more: &[&str]) -> Result<Cloud> {
     let (scene, out) = (scene(lab)?, lab.file(&format!("clouds/{name}")));
     let mut command = Command::new(vamvs::binary()?);
@@ -108,9 +113,9 @@ fn reconstruct(lab: &Lab, name: &str, network: &str, more: &[&str]) -> Result<Cl
     command.args(["--images", &text(&scene.join("images")), "--weights", network, "--out", &text(&out)]);
     command.args(["--views", "5", "--planes", "96", "--force", "--no-report", "--threads", &lab.threads()]);
     let (summary, taken) = vamvs::measured::<Value>(command.args(more))?;
-    let points = summary["fusion"]["points"].as_u64().context("the summary tells no points")?;
-    let stages = summary["depth"]["seconds"].as_object().context("the summary tells no seconds")?;
-    let made = summary["depth"]["made"].as_f64().context("the summary tells no maps")?;
+    let points = summary["fusion"]["points"].as_u64().context("the summary has no number of points")?;
+    let stages = summary["depth"]["seconds"].as_object().context("the summary has no seconds by stage")?;
+    let made = summary["depth"]["made"].as_f64().context("the summary has no number of maps")?;
     let spent = |wanted: &dyn Fn(&str) -> bool| {
         let times = stages.iter().filter(|(stage, _)| wanted(stage)).filter_map(|(_, time)| time.as_f64());
         times.sum::<f64>() / made

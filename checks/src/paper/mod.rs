@@ -1,7 +1,7 @@
-//! `cargo xtask paper`: the paper's experiments on a small made set, table by table.
+//! `cargo xtask paper`: the paper's experiments on small synthetic sets, table by table.
 //!
-//! Every network is trained with the same small budget, so tables compare what the networks make of it, not
-//! what they could become. What was trained and made already is kept and taken up again.
+//! Every network is trained for the same small number of steps. So the tables compare networks at equal training
+//! cost, not at their best. Scenes and networks that exist in the output folder are used again.
 
 mod clouds;
 mod networks;
@@ -19,46 +19,46 @@ use crate::step::run;
 use crate::vamvs;
 use page::Section;
 
-/// Run the paper's experiments on a small made set and write its tables, the paper's figures beside ours.
+/// Run the paper's experiments on small synthetic sets and write its tables, with the paper's own figures.
 ///
-/// Needs a Python with torch to export the untrained networks. Networks are trained one after the other; a
-/// run that is stopped goes on where it was.
+/// Needs a Python with torch to export the untrained networks. Networks are trained one after the other; the same
+/// command continues an interrupted run.
 #[derive(Args)]
 pub struct Paper {
-    /// Tables and figures [default: all, and the page is written].
+    /// Tables and figures to make [default: all, and write the page].
     #[arg(value_enum, value_name = "WHAT")]
     what: Vec<Experiment>,
     /// Folder for scenes, networks and runs.
     #[arg(long, value_name = "DIR", default_value = "target/paper")]
     out: PathBuf,
-    /// Steps of training of each network.
+    /// Training steps of each network.
     #[arg(long, value_name = "N", default_value_t = 500)]
     steps: usize,
-    /// Threads of training and measuring.
+    /// Threads for training and measuring.
     #[arg(long, value_name = "N", default_value_t = 2)]
     threads: usize,
     /// The Python that exports networks.
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     python: PathBuf,
-    /// The page to write when all is run.
+    /// The page to write when all experiments are made.
     #[arg(long, value_name = "FILE.md", default_value = "docs/paper.md")]
     page: PathBuf,
 }
 
-/// What the paper shows.
+/// A table or figure of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Experiment {
     /// Six ways to aggregate views.
     Table1,
-    /// Visibility: supervised, unsupervised, true.
+    /// Visibility: unsupervised, supervised, ground truth.
     Table2,
-    /// Visibility with and without the planes' depth.
+    /// Visibility with and without the planes' normalised depth as input.
     Table3,
     /// Flow iterations: quality, resolution, memory, time.
     Table5,
-    /// Without hypotheses, neighbours, image features.
+    /// Ablation of hypotheses, neighbours and image features.
     Table6,
-    /// Hypotheses to each side of a point.
+    /// Number of hypotheses on each side of a point (m).
     Table7,
     /// Direct regression instead of hypotheses.
     Table8,
@@ -68,13 +68,14 @@ enum Experiment {
     Figure15,
 }
 
-/// What experiments work on.
+/// The settings and the output folder that all experiments share.
 struct Lab<'a> {
     arguments: &'a Paper,
+    /// The output folder, absolute.
     out: PathBuf,
 }
 
-/// A set of scenes that is made once.
+/// A set of synthetic scenes, rendered once.
 struct SceneSet {
     name: &'static str,
     seed: &'static str,
@@ -82,11 +83,11 @@ struct SceneSet {
     size: &'static str,
 }
 
-/// What networks learn from.
+/// The training set.
 const TRAINING: SceneSet = SceneSet { name: "training", seed: "1", scenes: 24, size: "256x192" };
-/// What they are measured on.
+/// The hold-out set that accuracy is measured on.
 const HOLD_OUT: SceneSet = SceneSet { name: "hold-out", seed: "1001", scenes: 6, size: "256x192" };
-/// What time, memory and clouds are measured on.
+/// The scene that time, memory and clouds are measured on.
 const LARGE: SceneSet = SceneSet { name: "large", seed: "2001", scenes: 1, size: "640x480" };
 
 impl Paper {
@@ -123,7 +124,7 @@ impl Lab<'_> {
         }
     }
 
-    /// The folder of a set, made if need be: clutter of made objects, 9 views, 4 light paths a pixel.
+    /// The folder of a set, rendered if it is not complete: scenes of style `clutter`, 9 views, 4 light paths a pixel.
     fn scenes(&self, set: &SceneSet) -> Result<PathBuf> {
         let folder = self.out.join(set.name);
         let mut command = Command::new(vamvs::binary()?);
@@ -142,7 +143,7 @@ impl Lab<'_> {
     }
 }
 
-/// A path as an argument.
+/// A path as a command-line argument.
 fn text(path: &Path) -> String {
     path.display().to_string()
 }

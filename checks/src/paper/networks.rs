@@ -1,4 +1,4 @@
-//! The networks: how each is exported and trained, and what it scores.
+//! The networks of the tables: exports, trains and measures them.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -10,29 +10,32 @@ use super::{HOLD_OUT, Lab, TRAINING, text};
 use crate::step::{root, run};
 use crate::vamvs;
 
-/// All hidden layers have the paper's channels divided by this.
+/// Divisor of the paper's number of channels, for all hidden layers (`models/export.py --thin`).
 pub const THIN: &str = "2";
-/// Reference views that are measured.
+/// Number of reference views that are measured.
 pub const REFERENCES: &str = "27";
 
-/// A network that is trained for a row of a table.
+/// A network for a row of a table.
 #[derive(Clone, Copy, Debug)]
 pub struct Variant {
-    /// Its name, and that of its files.
+    /// Its name, also of its files.
     pub name: &'static str,
     aggregation: &'static str,
+    /// Further arguments of `models/export.py`.
     export: &'static [&'static str],
+    /// Further flags of `vamvs train`.
     train: &'static [&'static str],
+    /// Further flags of `vamvs eval network`.
     measure: &'static [&'static str],
 }
 
 impl Variant {
-    /// A network as the paper has it.
+    /// The paper's network with an aggregation.
     pub const fn plain(aggregation: &'static str) -> Self {
         Self { name: aggregation, aggregation, export: &[], train: &[], measure: &[] }
     }
 
-    /// A network that is changed by arguments of `models/export.py`.
+    /// The paper's network, changed by the arguments `export` of `models/export.py`.
     pub const fn changed(
         name: &'static str,
         aggregation: &'static str,
@@ -56,7 +59,7 @@ pub const TRUE_VISIBILITY: Variant = Variant {
     ..Variant::changed("vis-var-true", "vis-var", &[])
 };
 
-/// What `vamvs eval network --json` tells of a network.
+/// What `vamvs eval network --json` prints for one network.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Measured {
     scores: Scores,
@@ -67,19 +70,19 @@ struct Scores {
     stages: Vec<Stage>,
 }
 
-/// After a stage, by what the source views see.
+/// The accuracy of the map after a stage, by visibility in the source views.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Stage {
     /// All pixels.
     pub overall: Region,
-    /// Those that some source view does not see.
+    /// Pixels that at least one source view does not see.
     pub invisible: Region,
-    /// Those that all see.
+    /// Pixels that all source views see.
     pub fully_visible: Region,
 }
 
-/// Counts of pixels.
+/// Pixel counts of a region.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Region {
@@ -90,26 +93,26 @@ pub struct Region {
 }
 
 impl Region {
-    /// Shares within d, within 3d, and with an error > 1 % of the depth.
+    /// Shares of pixels with a depth error within d, within 3d, and > 1 % of the depth.
     pub fn shares(&self) -> [f64; 3] {
         [self.within_d, self.within_3d, self.outliers].map(|count| count as f64 / self.pixels as f64)
     }
 }
 
 impl Measured {
-    /// After each stage, the coarse one first.
+    /// The accuracy after each stage, the coarse stage first.
     pub fn stages(&self) -> &[Stage] {
         &self.scores.stages
     }
 
-    /// After the last one.
+    /// The accuracy after the last stage.
     pub fn last(&self) -> Stage {
         self.scores.stages[self.scores.stages.len() - 1]
     }
 }
 
 impl Lab<'_> {
-    /// The trained network's file.
+    /// The file of the trained network; trains the network if there is none.
     pub fn trained(&self, variant: &Variant) -> Result<PathBuf> {
         let run_folder = self.file(&format!("runs-{}/{}", self.arguments.steps, variant.name));
         let module = run_folder.join("module.pt");
@@ -129,7 +132,7 @@ impl Lab<'_> {
         Ok(module)
     }
 
-    /// The untrained network's file.
+    /// The file of the untrained network; exports the network if there is none.
     fn untrained(&self, variant: &Variant) -> Result<PathBuf> {
         let file = self.file(&format!("{}.untrained.pt", variant.name));
         if !file.is_file() {
@@ -143,7 +146,7 @@ impl Lab<'_> {
         Ok(file)
     }
 
-    /// What a network scores on the hold-out scenes with a number of views.
+    /// Measures a network on the hold-out set with `views` views, the reference included.
     pub fn measured(&self, variant: &Variant, views: usize) -> Result<Measured> {
         let (network, set) = (self.trained(variant)?, self.scenes(&HOLD_OUT)?);
         let mut command = Command::new(vamvs::binary()?);

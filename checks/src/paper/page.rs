@@ -1,12 +1,12 @@
-//! The page of all tables.
+//! The Markdown page of all tables, docs/paper.md.
 
 use super::networks::{REFERENCES, THIN};
 use super::{HOLD_OUT, LARGE, TRAINING};
 
-/// A table with what it is about.
+/// A table with its title and text.
 pub struct Section {
     pub title: &'static str,
-    /// What the paper says, and how ours was made where it differs from the others.
+    /// The paper's finding, and how our table was made where that differs from the introduction.
     pub text: &'static str,
     pub head: Vec<&'static str>,
     pub rows: Vec<Vec<String>>,
@@ -22,10 +22,10 @@ impl Section {
     }
 }
 
-/// Where the part of the page begins that is written here.
+/// The heading at which the generated part of the page begins.
 const WRITTEN: &str = "## How the tables were made\n\n";
 
-/// The whole page: what people wrote above the tables, in the page as it was, stays.
+/// The whole page. `before` is the page as it was: its hand-written part, above the generated one, is kept.
 pub fn markdown(before: &str, sections: &[Section], steps: usize) -> String {
     let people = before.split_once(WRITTEN).map_or("# The paper's experiments\n\n", |(people, _)| people);
     let sections: Vec<String> = sections.iter().map(Section::markdown).collect();
@@ -51,7 +51,7 @@ fn introduction(steps: usize) -> String {
     )
 }
 
-/// A share as the paper writes it.
+/// A share with three decimals, as in the paper.
 pub fn share(value: f64) -> String {
     format!("{value:.3}")
 }

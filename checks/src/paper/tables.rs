@@ -1,4 +1,4 @@
-//! The tables, one function each.
+//! The tables and figures, one function each.
 
 use anyhow::Result;
 
@@ -6,11 +6,12 @@ use super::networks::{Stage, TRUE_VISIBILITY, UNSUPERVISED, VAR, VIS_AVG, VIS_MA
 use super::page::{Section, share};
 use super::{Lab, clouds};
 
-/// Views that the paper measures its synthetic scenes with, and DTU.
+/// Number of views with which the paper measures its synthetic scenes.
 const SYNTHETIC_VIEWS: usize = 7;
+/// Number of views with which the paper measures DTU.
 const DTU_VIEWS: usize = 5;
 
-/// Within d and 3d: all, Invis, Fully-vis.
+/// Heads of the columns of [`accuracy`]: shares within d and 3d of all pixels, of `Invis` and of `Fully-vis` ones.
 const ACCURACY: [&str; 6] = ["<d", "<3d", "Invis <d", "Invis <3d", "Fully-vis <d", "Fully-vis <3d"];
 
 fn accuracy(stage: &Stage) -> Vec<String> {
@@ -22,7 +23,7 @@ fn headed(first: &[&'static str]) -> Vec<&'static str> {
     first.iter().copied().chain(ACCURACY).collect()
 }
 
-/// A row of a network's last stage behind `name`.
+/// A row: `name`, then the accuracy of a network's last stage.
 fn row(lab: &Lab, name: &str, variant: &Variant, views: usize) -> Result<Vec<String>> {
     let measured = lab.measured(variant, views)?;
     Ok([name.to_owned()].into_iter().chain(accuracy(&measured.last())).collect())
@@ -83,7 +84,7 @@ pub fn plane_depth(lab: &Lab) -> Result<Section> {
 pub fn iterations(lab: &Lab) -> Result<Section> {
     let measured = lab.measured(&VAR, DTU_VIEWS)?;
     let clouds = clouds::by_iterations(lab, &VAR, measured.stages().len() - 1)?;
-    // Overall (mm) and F-score at 0.5 mm of DTU, memory and time.
+    // The paper's figures on DTU: overall error (mm), F-score at 0.5 mm, memory, time.
     let paper = [
         "0.726, 47.95, 7219 MB, 0.34 s",
         "0.712, 48.63, 7221 MB, 0.61 s",

@@ -1,23 +1,23 @@
-//! What a round does, drawn from its seed.
+//! The parameters of a round, drawn from its seed.
 
 use std::fmt;
 use std::path::Path;
 
 use super::random::Random;
 
-/// The lens that the scene's files tell. The photographs are a pinhole's: what they show bent is no matter
-/// here.
+/// The lens model that is written into the scene's camera files. The photographs are always rendered with a pinhole:
+/// rounds check that results are the same, not that they are accurate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lens {
     Pinhole,
-    /// k₁, k₂.
+    /// Radial distortion k₁, k₂.
     Radial([f64; 2]),
-    /// k₁ … k₄ of the equidistant fisheye.
+    /// k₁ to k₄ of the equidistant fisheye model.
     Fisheye([f64; 4]),
 }
 
 impl Lens {
-    /// A lens that the layout can tell.
+    /// A random lens with distortion that the layout can express.
     pub fn draw(random: &mut Random, layout: Layout) -> Self {
         let mut small = || random.between(-0.1, 0.1);
         let (radial, fisheye) = ([small(), small()], [small(), small(), 0.0, 0.0]);
@@ -29,7 +29,7 @@ impl Lens {
     }
 }
 
-/// The layout that the scene's cameras are written in.
+/// The file format of the scene's cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Layout {
     Mvsnet,
@@ -38,20 +38,20 @@ pub enum Layout {
     Colmap,
 }
 
-/// What happens to the run.
+/// How the run is disturbed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Disturbance {
-    /// kill -9 so many times, each at a random time.
+    /// kill -9 this many times, each at a random time.
     Killed(usize),
     /// SIGTERM at a random time.
     Terminated,
-    /// SIGSTOP and, some time later, SIGCONT, so many times.
+    /// SIGSTOP and, some time later, SIGCONT, this many times.
     Paused(usize),
-    /// A disk that takes this share of the results.
+    /// A disk with room for this share of the results.
     FullDisk(f64),
     /// A photograph that cannot be read.
     BadPhotograph,
-    /// So many result files are cut, emptied or removed after the run.
+    /// This many result files are truncated, emptied or removed after the run.
     DamagedResults(usize),
     /// A memory budget, bytes.
     Budget(u64),
@@ -59,23 +59,25 @@ pub enum Disturbance {
     SynthKilled,
 }
 
-/// A round.
+/// The parameters of a round.
 #[derive(Clone, Debug)]
 pub struct Case {
     pub seed: u64,
-    /// Photographs: width, height, number.
+    /// Width and height of the photographs, pixels.
     pub size: (usize, usize),
+    /// Number of photographs.
     pub views: usize,
     pub layout: Layout,
     pub lens: Lens,
-    /// Whether everything but the objects is masked.
+    /// Whether masks leave only the objects.
     pub masks: bool,
+    /// Further flags of `vamvs reconstruct`.
     options: Vec<String>,
     pub disturbance: Disturbance,
 }
 
 impl Case {
-    /// The round of a seed.
+    /// Draws the round of a seed.
     pub fn draw(seed: u64) -> Self {
         let mut random = Random::new(seed);
         let layout = random.one_of(&[Layout::Mvsnet, Layout::Nerfstudio, Layout::Bundler, Layout::Colmap]);
@@ -92,7 +94,7 @@ impl Case {
         }
     }
 
-    /// The random numbers of what happens during the round.
+    /// The generator of the random choices during the round, such as the times of signals.
     pub fn random(&self) -> Random {
         Random::new(self.seed ^ 0x5EED_0FD1_5755_4BA7)
     }
@@ -160,7 +162,7 @@ fn options(random: &mut Random) -> Vec<String> {
 }
 
 fn disturbance(random: &mut Random) -> Disturbance {
-    // Budgets: from 1 MiB, evenly in octaves, to 4 GiB.
+    // Log-uniform from 1 MiB to 4 GiB.
     let budget = 2f64.powf(random.between(20.0, 32.0)) as u64;
     let several = 1 + random.below(3);
     let share = random.between(0.0, 1.1);

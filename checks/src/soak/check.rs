@@ -1,4 +1,4 @@
-//! Whether files are whole, and whether two folders are the same.
+//! Checks that result files are complete, and that two folders hold the same files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 
-/// How the names of files begin that are not complete yet.
+/// Prefix of the names of files that are still being written.
 const TEMPORARY: &str = ".vamvs-";
 
-/// All files of a folder and its subfolders, by their paths in it.
+/// All files in a folder and its subfolders, by their paths relative to it.
 pub fn files(folder: &Path) -> Result<BTreeMap<String, PathBuf>> {
     let mut files = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
@@ -30,7 +30,8 @@ fn is_temporary(name: &str) -> bool {
     name.rsplit('/').next().is_some_and(|name| name.starts_with(TEMPORARY))
 }
 
-/// The files of a folder that are not whole, one sentence each.
+/// One sentence for each file in a folder that is incomplete. Temporary files count as incomplete unless
+/// `may_have_temporary`.
 pub fn half_written(folder: &Path, may_have_temporary: bool) -> Result<Vec<String>> {
     let mut findings = Vec::new();
     for (name, path) in files(folder)? {
@@ -44,7 +45,7 @@ pub fn half_written(folder: &Path, may_have_temporary: bool) -> Result<Vec<Strin
     Ok(findings)
 }
 
-/// What is wrong with a file of this name and content.
+/// What is wrong with a file of this name and content; `None` if nothing, or if the format is not checked.
 fn problem(name: &str, content: &[u8]) -> Option<&'static str> {
     let says = |holds: bool, otherwise| (!holds).then_some(otherwise);
     let text = || std::str::from_utf8(content).unwrap_or_default();
@@ -64,7 +65,7 @@ fn problem(name: &str, content: &[u8]) -> Option<&'static str> {
     }
 }
 
-/// Whether a PFM file has the bytes that its header announces.
+/// Whether a PFM file has as many bytes as its header announces; `None` if the header is incomplete.
 fn pfm_is_whole(content: &[u8]) -> Option<bool> {
     let mut lines = content.splitn(4, |&byte| byte == b'\n');
     let channels = if lines.next()? == b"PF" { 3 } else { 1 };
@@ -74,8 +75,8 @@ fn pfm_is_whole(content: &[u8]) -> Option<bool> {
     Some(data.len() == 4 * channels * sides.iter().product::<usize>())
 }
 
-/// Whether a binary PLY file without lists has the bytes that its header announces; with lists, at least as many
-/// as without their entries.
+/// Whether a binary PLY file has as many bytes as its header announces; `None` if the header is incomplete. A file with
+/// list properties must have at least the bytes that it has with empty lists.
 fn ply_is_whole(content: &[u8]) -> Option<bool> {
     const END: &[u8] = b"end_header\n";
     let end = content.windows(END.len()).position(|window| window == END)? + END.len();
@@ -95,7 +96,7 @@ fn ply_is_whole(content: &[u8]) -> Option<bool> {
     Some(if has_lists { found >= count * stride } else { found == count * stride })
 }
 
-/// What differs between the results of two runs, beside files of these names; a few sentences at most.
+/// How the files of two folders differ, at most seven sentences. Temporary files and `ignored` ones do not count.
 pub fn differences(expected: &Path, found: &Path, ignored: &[&str]) -> Result<Vec<String>> {
     let counts = |name: &String| !is_temporary(name) && !ignored.contains(&name.as_str());
     let (expected, found) = (files(expected)?, files(found)?);
@@ -105,7 +106,7 @@ pub fn differences(expected: &Path, found: &Path, ignored: &[&str]) -> Result<Ve
         let problem = match (expected.get(name), found.get(name)) {
             (Some(a), Some(b)) if fs::read(a)? == fs::read(b)? => continue,
             (Some(_), Some(_)) => "it differs from that of the undisturbed run",
-            (Some(_), None) => "it is missing, unlike after the undisturbed run",
+            (Some(_), None) => "it is missing, but is there after the undisturbed run",
             (None, _) => "it is not there after the undisturbed run",
         };
         findings.push(format!("{name}: {problem}"));

@@ -1,4 +1,4 @@
-//! What a round does to the run, and what must hold after it.
+//! The disturbances of a run, and what must hold after each.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,17 +12,18 @@ use super::process::{Ended, Signal, Timed};
 use super::random::Random;
 use super::{Round, check, scene};
 
-/// Files that tell of the memory budget.
+/// Result files that record the memory budget, so that they differ between budgets.
 const OF_THE_BUDGET: [&str; 3] = ["run.toml", "fusion.json", "report.html"];
 
-/// What a process with libtorch takes before it has done anything, bytes: a smaller budget cannot be kept.
+/// The least budget that a run must keep to, bytes: about what a process with libtorch takes before it starts to
+/// work.
 const LEAST_BUDGET: u64 = 768 << 20;
 
 /// The program's exit code after SIGTERM.
 const TERMINATED: i32 = 128 + 15;
 
 impl Round<'_> {
-    /// Disturbs the run, and says what was wrong.
+    /// Disturbs the run and returns the problems found, one sentence each.
     pub fn disturbed(mut self) -> Result<Vec<String>> {
         let mut random = self.case.random();
         match self.case.disturbance {
@@ -38,7 +39,7 @@ impl Round<'_> {
         Ok(self.findings)
     }
 
-    /// A time during the run, as long as it takes undisturbed.
+    /// A random time, uniform over the duration of the undisturbed run.
     fn some_time(&self, random: &mut Random) -> Duration {
         Duration::from_secs_f64(self.undisturbed.seconds * random.share())
     }
@@ -55,7 +56,7 @@ impl Round<'_> {
     fn terminated(&mut self, random: &mut Random) -> Result<()> {
         let at = self.some_time(random);
         let ended = self.run(&[], &[Timed { at, signal: Signal::Terminate }])?;
-        // Before the program watches for signals, the system ends it.
+        // Until the program has installed its handler, the signal ends it directly.
         let expected =
             ended.code == Some(TERMINATED) || ended.signal == Some(15) || ended.code == self.undisturbed.code;
         self.expect(expected, || {
@@ -85,7 +86,7 @@ impl Round<'_> {
         fs::create_dir_all(&self.out)?;
         let bytes = ((all as f64 * share) as u64).max(64 << 10);
         let Some(disk) = Disk::mount(&self.out, bytes)? else {
-            println!("   skipped: a small tmpfs cannot be mounted (root can)");
+            println!("   skipped: mounting a small tmpfs needs root");
             return Ok(());
         };
         let ended = self.run(&[], &[])?;
@@ -108,7 +109,7 @@ impl Round<'_> {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         self.expect(matches!(ended.code, Some(0 | 1)), || format!("with a bad photograph: {ended}"));
         self.expect(ended.messages.contains(&name), || {
-            format!("nothing is said of the bad photograph {name}")
+            format!("no message mentions the bad photograph {name}")
         });
         self.whole_if_there(false)?;
         save(&path, &good)?;
@@ -120,7 +121,7 @@ impl Round<'_> {
         self.ends_as_undisturbed(&ended);
         for _ in 0..count {
             let files: Vec<(String, PathBuf)> = check::files(&self.out)?.into_iter().collect();
-            // `run.toml` is what people edit, and nothing is resumed from the others.
+            // Only files in these folders are read by a resumed run. `run.toml` is left alone: it is for users to edit.
             let resumed = |name: &str| {
                 ["depths/", "confidence/", "cams/", "images/"].iter().any(|f| name.starts_with(f))
             };
@@ -152,7 +153,7 @@ impl Round<'_> {
         if ended.code == Some(0) && !ended.messages.contains("reduced") {
             self.check_same(&OF_THE_BUDGET)?;
         } else if ended.code != self.undisturbed.code {
-            self.expect(told, || format!("with {bytes} bytes: {ended}, and not why: {}", ended.last_line()));
+            self.expect(told, || format!("with {bytes} bytes: {ended}, unexplained: {}", ended.last_line()));
         }
         self.finish(&[])
     }
@@ -165,7 +166,7 @@ impl Round<'_> {
         let killed = self.program.run(&arguments, &parent, &[Timed { at, signal: Signal::Kill }])?;
         let ended = self.program.run(&arguments, &parent, &[])?;
         [killed, ended.clone()].iter().for_each(|ended| self.check_ended(ended));
-        self.expect(ended.code == Some(0), || format!("vamvs synth goes on and ends with {ended}"));
+        self.expect(ended.code == Some(0), || format!("the resumed vamvs synth ends with {ended}"));
         for part in ["images", "cams", "depths", "visibility", "objects"] {
             let whole = |set: &str| self.out.with_file_name(set).join("scene-00000").join(part);
             self.findings.extend(check::differences(&whole("set"), &whole("set-again"), &[])?);
@@ -178,7 +179,7 @@ impl Round<'_> {
         self.expect(same, || format!("the run ends with {ended}: {}", ended.last_line()));
     }
 
-    /// A run that ended early may have left no folder at all.
+    /// Checks that files are whole. Makes the output folder first, since a run that ended early may have made none.
     fn whole_if_there(&mut self, may_have_temporary: bool) -> Result<()> {
         fs::create_dir_all(&self.out)?;
         self.check_whole(may_have_temporary)
@@ -189,11 +190,11 @@ fn save(path: &Path, content: &[u8]) -> Result<()> {
     vamvs_io::atomic::write(path, |out| out.write_all(content)).context("damaging a file")
 }
 
-/// A small disk in memory, given back when it is dropped.
+/// A small tmpfs, unmounted when it is dropped.
 struct Disk(PathBuf);
 
 impl Disk {
-    /// A disk of so many bytes at `path`; `None` if this user cannot mount one.
+    /// Mounts a tmpfs of `bytes` bytes at `path`; `None` if this user cannot.
     fn mount(path: &Path, bytes: u64) -> Result<Option<Self>> {
         let options = format!("size={bytes}");
         let mut mount = Command::new("mount");

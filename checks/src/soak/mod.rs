@@ -1,4 +1,4 @@
-//! `cargo xtask soak`: random small runs that are disturbed, and must end as if they had not been.
+//! `cargo xtask soak`: disturbs small random runs and checks that they end with the results of undisturbed ones.
 
 mod case;
 mod check;
@@ -19,45 +19,45 @@ use case::Case;
 use process::{Ended, Program};
 use scene::Scene;
 
-/// Run small random reconstructions, disturb them, and compare what they end with.
+/// Disturb small random reconstructions, and compare their results with those of undisturbed runs.
 ///
-/// Each round makes a synthetic scene of random size, number of views, layout, lens, masks and options and
-/// reconstructs it undisturbed, then disturbs the same run: kill -9, SIGTERM, SIGSTOP and SIGCONT, a full disk, a
-/// photograph that cannot be read, damaged results, or a memory budget from absurdly small up. After it, nothing may
-/// be half-written, no thread may have panicked, resident memory may not exceed the budget, and the
-/// run that finishes must leave the same bytes. Of a round that fails, the folder is kept.
+/// Each round renders a synthetic scene of random size, number of views, layout, lens and masks and reconstructs
+/// it undisturbed with random options. Then it disturbs the same run: by kill -9, SIGTERM, SIGSTOP and SIGCONT, a
+/// full disk, a photograph that cannot be read, damaged results, or a memory budget from 1 MiB to 4 GiB. Or it kills
+/// `vamvs synth`. Afterwards no file may be half-written, no thread may have panicked, resident memory may not have
+/// exceeded the budget, and the run that completes must give the same bytes. The folder of a failed round is kept.
 #[derive(Args)]
 pub struct Soak {
     /// Folder for the rounds.
     #[arg(value_name = "DIR")]
     folder: PathBuf,
-    /// Hours to go on.
+    /// Start no further round after this many hours.
     #[arg(long, value_name = "H", default_value_t = 1.0)]
     hours: f64,
-    /// The first round's seed; the next rounds count up from it. A failure names its seed, and with
-    /// `--rounds 1` it is repeated.
+    /// Seed of the first round; the next rounds count up from it. To repeat a failed round, give its seed and
+    /// `--rounds 1`.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Stop after so many rounds.
+    /// Stop after this many rounds.
     #[arg(long, value_name = "N")]
     rounds: Option<u64>,
-    /// The program; by default the release build beside this one.
+    /// The `vamvs` program to test [default: the release build in the target folder].
     #[arg(long, value_name = "FILE")]
     vamvs: Option<PathBuf>,
 }
 
-/// What a round works with.
+/// The state of a round.
 struct Round<'a> {
     case: &'a Case,
     scene: Scene,
     program: &'a Program,
-    /// Where results go.
+    /// Output folder of the disturbed run.
     out: PathBuf,
-    /// Results of the undisturbed run.
+    /// Output folder of the undisturbed run.
     reference: PathBuf,
     /// How the undisturbed run ended.
     undisturbed: Ended,
-    /// What was wrong, one sentence each.
+    /// Problems found so far, one sentence each.
     findings: Vec<String>,
 }
 
@@ -79,7 +79,7 @@ impl Soak {
         Ok(())
     }
 
-    /// Whether a round found nothing.
+    /// Runs a round and prints what it finds; true if it finds no problem.
     fn round(&self, case: &Case, program: &Program) -> Result<bool> {
         println!("── seed {}: {case}", case.seed);
         let folder = self.folder.join(format!("round-{}", case.seed));
@@ -100,7 +100,7 @@ impl Soak {
 }
 
 impl<'a> Round<'a> {
-    /// Makes the scene and reconstructs it undisturbed.
+    /// Renders the scene and reconstructs it undisturbed.
     fn begin(case: &'a Case, program: &'a Program, folder: &Path) -> Result<Self> {
         fs::create_dir_all(folder)?;
         let scene = scene::make(program, case, folder)?;
@@ -118,7 +118,7 @@ impl<'a> Round<'a> {
         Ok(round)
     }
 
-    /// Runs the program into the folder of results, with further arguments, and sends it signals.
+    /// Runs the reconstruction into `out` with the further arguments `more`, and sends it signals.
     fn run(&mut self, more: &[String], signals: &[process::Timed]) -> Result<Ended> {
         let arguments = [self.case.arguments(&self.scene.arguments, &self.out), more.to_vec()].concat();
         let ended = self.program.run(&arguments, self.out.parent().context("a folder")?, signals)?;
@@ -126,11 +126,12 @@ impl<'a> Round<'a> {
         Ok(ended)
     }
 
-    /// The run that goes on after a disturbance ends as the undisturbed one, with the same files.
+    /// Resumes the run after a disturbance. It must end with the exit code of the undisturbed run and the same files,
+    /// except `ignored` ones.
     fn finish(&mut self, ignored: &[&str]) -> Result<()> {
         let ended = self.run(&[], &[])?;
         self.expect(ended.code == self.undisturbed.code, || {
-            format!("the run that goes on ends with {ended}: {}", ended.last_line())
+            format!("the resumed run ends with {ended}: {}", ended.last_line())
         });
         self.check_whole(true)?;
         self.check_same(ignored)

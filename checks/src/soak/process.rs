@@ -1,4 +1,4 @@
-//! Running the program, sending it signals, and watching its memory.
+//! Runs the program, sends it signals, and watches its memory.
 
 use std::fmt;
 use std::fs::{self, OpenOptions};
@@ -10,17 +10,17 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 
-/// How often the program's memory and the time of signals are looked at.
+/// Interval at which the program's memory is read and due signals are sent.
 const TICK: Duration = Duration::from_millis(10);
 
-/// A signal at a time after the start.
+/// A signal and the time after the start at which it is sent.
 #[derive(Clone, Copy, Debug)]
 pub struct Timed {
     pub at: Duration,
     pub signal: Signal,
 }
 
-/// What is sent.
+/// A signal that the program is sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Signal {
     Kill,
@@ -37,6 +37,7 @@ pub struct Ended {
     pub seconds: f64,
     /// Peak of resident memory, bytes.
     pub peak_bytes: u64,
+    /// Everything written to standard error.
     pub messages: String,
 }
 
@@ -44,18 +45,18 @@ pub struct Ended {
 pub struct Program(PathBuf);
 
 impl Program {
-    /// The program at `path`.
+    /// The program at `path`, which must exist.
     pub fn new(path: PathBuf) -> Result<Self> {
         ensure!(path.is_file(), "{} is no file: build it with `cargo build --release`", path.display());
         Ok(Self(path))
     }
 
-    /// Runs the program until it ends; its messages go through a file in `folder`.
+    /// Runs the program until it ends. Its messages go to the file `messages.txt` in `folder`.
     pub fn run(&self, arguments: &[String], folder: &Path, signals: &[Timed]) -> Result<Ended> {
         let log = folder.join("messages.txt");
         let messages = OpenOptions::new().create(true).write(true).truncate(true).open(&log)?;
         let mut command = Command::new(&self.0);
-        // One thread that waits must not take the processor from another.
+        // Waiting OpenMP threads must not spin: they would take the processor from threads that work.
         command.env("OMP_WAIT_POLICY", "passive").args(arguments).stdout(Stdio::null()).stderr(messages);
         let begin = Instant::now();
         let mut child =
@@ -90,7 +91,7 @@ fn send_due(child: &Child, signals: Vec<Timed>, begin: Instant) -> Result<Vec<Ti
     Ok(later)
 }
 
-/// The peak of resident memory so far, bytes; 0 where the system does not tell.
+/// The peak of resident memory so far, bytes; 0 if `/proc` does not say.
 fn peak_of(child: &Child) -> u64 {
     let status = fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
@@ -104,15 +105,15 @@ impl Ended {
         self.messages.contains("panicked at")
     }
 
-    /// Where and why a thread panicked.
+    /// Where and why the first thread panicked: two lines of the messages.
     pub fn panic_line(&self) -> String {
         let mut lines = self.messages.lines().skip_while(|line| !line.contains("panicked at")).take(2);
         format!("{} {}", lines.next().unwrap_or_default(), lines.next().unwrap_or_default())
     }
 
-    /// The last thing that was said.
+    /// The last message.
     pub fn last_line(&self) -> &str {
-        self.messages.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("nothing was said")
+        self.messages.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("no messages")
     }
 }
 

@@ -1,11 +1,11 @@
-//! Random numbers that a seed repeats.
+//! Pseudo-random numbers from a seed.
 
 /// SplitMix64 (Steele, Lea and Flood 2014).
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 
 impl Random {
-    /// The numbers of a seed.
+    /// The generator of a seed.
     pub fn new(seed: u64) -> Self {
         Self(seed.wrapping_mul(0xD134_2543_DE82_EF95))
     }
@@ -37,7 +37,7 @@ impl Random {
         values[self.below(values.len())].clone()
     }
 
-    /// True in a share of the cases.
+    /// True with probability `share`.
     pub fn chance(&mut self, share: f64) -> bool {
         self.share() < share
     }

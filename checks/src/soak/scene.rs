@@ -1,4 +1,4 @@
-//! A small synthetic scene, in the layout that the round asks for.
+//! Renders a small synthetic scene and writes its cameras in the round's layout.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,13 +11,13 @@ use super::process::Program;
 
 /// A scene on disk.
 pub struct Scene {
-    /// The flags of `vamvs reconstruct` for it.
+    /// The flags of `vamvs reconstruct` that name the scene's cameras, photographs and masks.
     pub arguments: Vec<String>,
-    /// The photographs.
+    /// Files of the photographs.
     pub photographs: Vec<PathBuf>,
 }
 
-/// A view's name, its pose `cam_from_world` (rows of R | t) and fx, fy, cx, cy.
+/// A view: file name of the photograph, pose `cam_from_world` (rows of R | t), and fx, fy, cx, cy in pixels.
 struct View {
     name: String,
     pose: [[f64; 4]; 3],
@@ -110,7 +110,7 @@ fn centre(pose: &[[f64; 4]; 3]) -> [f64; 3] {
 fn nerfstudio(views: &[View], case: &Case) -> Value {
     let frame = |view: &View| {
         let (pose, centre) = (&view.pose, centre(&view.pose));
-        // The columns are the camera's axes in the world: right, up, backwards.
+        // World from camera; the camera's axes point right, up and backwards.
         let row = |i: usize| json!([pose[0][i], -pose[1][i], -pose[2][i], centre[i]]);
         let [fx, fy, cx, cy] = view.intrinsics;
         json!({
@@ -130,7 +130,7 @@ fn nerfstudio(views: &[View], case: &Case) -> Value {
 fn bundle(views: &[View], case: &Case) -> String {
     let [k1, k2] = if let Lens::Radial(k) = case.lens { k } else { [0.0; 2] };
     let camera = |view: &View| {
-        // Up is y and the camera looks along −z.
+        // Bundler's camera looks along −z and has y up, so rows 1 and 2 change sign.
         let rows = [0, 1, 2].map(|i| view.pose[i].map(|value| if i == 0 { value } else { -value }));
         let rotation = rows.map(|row| spaced(&row[..3])).join("\n");
         format!("{} {k1} {k2}\n{rotation}\n{}", view.intrinsics[0], spaced(&rows.map(|row| row[3])))
@@ -157,7 +157,7 @@ fn write_colmap(folder: &Path, views: &[View], case: &Case) -> Result<()> {
     save(&folder.join("images.txt"), &images)
 }
 
-/// The unit quaternion w, x, y, z of a rotation, from the largest of its components.
+/// The unit quaternion (w, x, y, z) of a rotation, computed from its largest component for accuracy.
 fn quaternion(r: &[[f64; 4]; 3]) -> [f64; 4] {
     let squares = [
         1.0 + r[0][0] + r[1][1] + r[2][2],

@@ -1,6 +1,7 @@
-//! Neighbours of the paper's setting: 5 hypotheses a pixel, 5×5 windows, 16 neighbours.
+//! Speed of the neighbour search in the paper's setting: 5 hypotheses per pixel, 5×5 windows, 16
+//! neighbours.
 //!
-//! The points are those of a wavy, noisy depth map. Throughput is in points.
+//! The points come from a wavy, noisy depth map. Throughput is in points.
 
 use std::hint::black_box;
 

@@ -1,14 +1,14 @@
-//! Cameras as photographs come with them, and distortion-free ones.
+//! Calibrated cameras with a lens, and pinhole cameras without distortion.
 
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::{Intrinsics, Lens, Size};
 
-/// A camera as calibrated: size, linear part and lens.
+/// A camera as calibrated: image size, intrinsics and lens.
 ///
-/// [`crate::undistort`] turns it into a [`Pinhole`] together with its photograph. Depth estimation and fusion take
-/// [`Pinhole`]s only, so that a distortion cannot be ignored by accident.
+/// [`crate::undistort`] turns a photograph and its camera into an undistorted image and a [`Pinhole`]. Depth
+/// estimation and fusion take [`Pinhole`]s only, so that a distortion cannot be ignored by accident.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
     /// The size of the image in pixels.
@@ -35,8 +35,8 @@ impl Camera {
         Self { size, intrinsics: resized_intrinsics(&self.intrinsics, self.size, size), lens: self.lens }
     }
 
-    /// Image coordinates of a point in the camera's frame; `None` behind the camera or where the
-    /// lens model folds over.
+    /// Image coordinates of a point in the camera's frame, inside the image or not; `None` behind the camera and
+    /// where the lens model folds over.
     #[must_use]
     pub fn project(&self, x_in_cam: &Vector3<f64>) -> Option<Vector2<f64>> {
         if x_in_cam.z <= 0.0 {
@@ -54,8 +54,8 @@ impl Pinhole {
         Self { size, intrinsics: resized_intrinsics(&self.intrinsics, self.size, size) }
     }
 
-    /// Image coordinates of a point in the camera's frame; `None` unless it is before the camera
-    /// and inside the image.
+    /// Image coordinates of a point in the camera's frame; `None` unless it is in front of the camera and inside
+    /// the image.
     #[must_use]
     pub fn project_inside(&self, x_in_cam: &Vector3<f64>) -> Option<Vector2<f64>> {
         if x_in_cam.z <= 0.0 {

@@ -13,19 +13,20 @@ pub struct DepthMap {
     pub depth: Grid<f32>,
     /// Confidence of the final depth in [0, 1].
     pub confidence: Grid<f32>,
-    /// Confidence of the coarse stage in [0, 1] at the same size, where the maker tells one.
+    /// Confidence of the coarse stage in [0, 1], at the same size; `None` if the estimator gives none.
     pub coarse_confidence: Option<Grid<f32>>,
 }
 
 impl DepthMap {
-    /// The ratio of the photograph's size to the map's, from the focal lengths: the sizes themselves are rounded.
+    /// The ratio of the photograph's size to the map's, as a whole number. It is computed from the focal lengths,
+    /// because the sizes are rounded.
     #[must_use]
     pub fn scale_in(&self, photograph: &Pinhole) -> usize {
         (photograph.intrinsics.fx / self.camera.intrinsics.fx).round() as usize
     }
 }
 
-/// Whether a depth value is one: finite and positive.
+/// Whether a depth value is valid: finite and positive.
 #[must_use]
 pub fn is_valid(depth: f32) -> bool {
     depth.is_finite() && depth > 0.0

@@ -1,10 +1,10 @@
-//! The span of depths in which a view's surface is searched.
+//! The depth range in which a view's surface is searched.
 
 use serde::{Deserialize, Serialize};
 
 use crate::{Pose, Scene, SeenPoints, Size, SparsePoint, View};
 
-/// Nearest and farthest depth, scene units.
+/// The nearest and the farthest depth, scene units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Ends")]
 pub struct DepthRange {
@@ -14,7 +14,7 @@ pub struct DepthRange {
     pub far: f64,
 }
 
-/// A depth range that is none.
+/// The two depths do not form a depth range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("a depth range needs 0 < near < far, both finite; got near {near}, far {far}")]
 pub struct DepthRangeError {
@@ -24,7 +24,7 @@ pub struct DepthRangeError {
     pub far: f64,
 }
 
-/// A depth range as written, not checked yet.
+/// A depth range as read from a file, not checked yet.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Ends {
@@ -58,11 +58,11 @@ impl DepthRange {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RangeOrigin {
-    /// The scene's files give it.
+    /// The scene's files.
     File,
     /// The depths of triangulated points.
     Points,
-    /// Where the cameras look, and how far apart they stand.
+    /// The cameras' viewing directions and baselines.
     Geometry,
 }
 
@@ -76,23 +76,25 @@ impl std::fmt::Display for RangeOrigin {
     }
 }
 
-/// Fewest points that tell a range.
+/// Fewest points from which a range is estimated.
 const FEWEST_POINTS: usize = 10;
 
-/// Points that are projected into a view whose own points are too few.
+/// Most points that are projected into a view whose tracks name too few.
 const MOST_PROJECTED: usize = 100_000;
 
-/// How far before and behind the focus geometry looks, as a factor.
+/// The factor by which the range from camera geometry extends in front of and behind the point at which the cameras
+/// look.
 const FOCUS_MARGIN: f64 = 2.5;
 
-/// The widest and the narrowest angle, degrees, between the rays from a surface to two cameras that do
-/// not turn towards each other.
+/// The largest and the smallest triangulation angle, degrees, of the range for cameras whose optical axes do not
+/// converge.
 const BASELINE_ANGLES: (f64, f64) = (20.0, 2.0);
 
-/// Optical axes with a smaller sine of the angle between them count as parallel (1.8°).
+/// Optical axes count as parallel if the sine of the angle between them is smaller (1.8°).
 const PARALLEL: f64 = 0.0316;
 
-/// The range of a view, of the points that `seen` says it saw: that of the scene's files, else [`from_points`], else [`from_geometry`].
+/// The depth range of a view, with its origin: that of the scene's files, else [`from_points`], else
+/// [`from_geometry`]. `seen` lists the points that each view saw; `sources` are the source views.
 #[must_use]
 pub fn for_view(
     scene: &Scene,
@@ -106,14 +108,14 @@ pub fn for_view(
     from_file().or_else(from_points).or_else(from_geometry)
 }
 
-/// The range of the triangulated points that a view saw, or, where tracks do not tell at least ten of
-/// them, of all points (of more than 100,000 every so many) that project into its image; `None` if these too are
-/// fewer than ten.
+/// The depth range of the triangulated points that a view saw. If tracks name fewer than ten of them, all points
+/// count that project into its image (an even subsample, if there are more than 100,000). `None` if these are fewer
+/// than ten, too.
 ///
-/// Of the depths, 1 % at either end are left out, and up to 5 % if they lie far out: beyond the cube
-/// of the ratio of the quartiles (at least 1.5, so a factor of 3.4) from their quartile. The margin is
-/// a tenth of what remains, at least 2 % of the median depth; the near one leaves at least half of the
-/// nearest depth.
+/// At both ends 1 % of the depths are left out, and up to 5 % as long as they are outliers: nearer or farther than
+/// their quartile by more than the factor r³, where r is the ratio of the quartiles, at least 1.5. The margin on both
+/// sides is a tenth of the remaining range and at least 2 % of the median depth; the nearest depth is at most halved
+/// by it.
 #[must_use]
 pub fn from_points(scene: &Scene, seen: &SeenPoints, view: usize) -> Option<DepthRange> {
     let seen = seen.by(view).iter().map(|&point| &scene.points[point]);
@@ -127,13 +129,13 @@ pub fn from_points(scene: &Scene, seen: &SeenPoints, view: usize) -> Option<Dept
     (depths.len() >= FEWEST_POINTS).then(|| robust_range(depths))?
 }
 
-/// The range that cameras alone suggest.
+/// The depth range that the cameras alone suggest.
 ///
-/// Where the optical axes of at least half of the sources converge with the view's own, people
-/// photographed something there: the range is the quartiles of the depths at which they come closest,
-/// widened by a factor of 2.5. Otherwise, as on a walk along a façade, it is the depths at which the
-/// median baseline is seen under 20° and under 2°: nearer, source images would show too different
-/// surfaces, farther, they tell no depth. `None` without sources, or if all stand at the same place.
+/// If the optical axes of at least half of the sources converge with the view's own, the cameras look at a common
+/// subject: the range is that of the quartiles of the depths at which the axes come closest, widened by a factor of
+/// 2.5 at both ends. Otherwise, as on a walk along a façade, it reaches from the depth at which the median baseline
+/// gives a triangulation angle of 20° to that of 2°: nearer surfaces look too different in the source views, and
+/// farther ones have too little parallax. `None` without sources, or if all cameras are at the same place.
 #[must_use]
 pub fn from_geometry(scene: &Scene, view: usize, sources: &[usize]) -> Option<DepthRange> {
     let reference = &scene.views[view].cam_from_world;
@@ -150,7 +152,7 @@ pub fn from_geometry(scene: &Scene, view: usize, sources: &[usize]) -> Option<De
     DepthRange::try_new(depth(BASELINE_ANGLES.0), depth(BASELINE_ANGLES.1)).ok()
 }
 
-/// The depths of points before a view.
+/// The depths of the points that are in front of a view's camera.
 fn depths_in<'a>(view: &View, points: impl Iterator<Item = &'a SparsePoint>) -> Vec<f64> {
     let depths = points.map(|point| view.cam_from_world.transform(&point.x_in_world).z);
     depths.filter(|z| z.is_finite() && *z > 0.0).collect()
@@ -163,14 +165,14 @@ fn is_inside(view: &View, point: &SparsePoint) -> bool {
     pixel.is_some_and(|p| p.x >= 0.0 && p.y >= 0.0 && p.x < width as f64 && p.y < height as f64)
 }
 
-/// The span of most of the depths, and a margin, as [`from_points`] tells.
+/// The range of most of the depths plus a margin, as [`from_points`] describes.
 fn robust_range(mut depths: Vec<f64>) -> Option<DepthRange> {
     depths.sort_by(f64::total_cmp);
     let last = depths.len() - 1;
     let rank = |share: f64| (share * last as f64).ceil() as usize;
     let (nearer, farther) = (depths[rank(0.25)], depths[last - rank(0.25)]);
     let reach = (farther / nearer).max(1.5).powi(3);
-    // The first that is not far out, among the ranks at which an end may be.
+    // The first depth that is no outlier, among those of the ranks from 1 % to 5 %.
     let end = |from_end: &dyn Fn(usize) -> f64, far_out: &dyn Fn(f64) -> bool| {
         let ranks = rank(0.01)..rank(0.05);
         ranks.map(from_end).find(|&depth| !far_out(depth)).unwrap_or_else(|| from_end(rank(0.05)))
@@ -181,8 +183,8 @@ fn robust_range(mut depths: Vec<f64>) -> Option<DepthRange> {
     DepthRange::try_new((near - margin).max(0.5 * near), far + margin).ok()
 }
 
-/// The depth in view `a` at which its optical axis comes closest to that of `b`; `None` if that is
-/// behind either, or the axes are nearly parallel.
+/// The depth in view `a` at which its optical axis comes closest to that of `b`; `None` if the closest point is
+/// behind either camera, or if the axes are nearly parallel.
 fn depth_of_approach(a: &Pose, b: &Pose) -> Option<f64> {
     let (axis_a, axis_b) = (a.forward(), b.forward());
     let a_to_b = b.centre() - a.centre();
@@ -193,7 +195,7 @@ fn depth_of_approach(a: &Pose, b: &Pose) -> Option<f64> {
     (squared_sine > PARALLEL * PARALLEL && along_a > 0.0 && along_b > 0.0).then_some(along_a)
 }
 
-/// The value of which a share of the values is smaller; `None` of no values.
+/// The quantile `share`, 0 to 1, as the value of the nearest rank; `None` if there are no values. Sorts the values.
 fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get((share * values.len().saturating_sub(1) as f64).round() as usize).copied()
@@ -212,7 +214,7 @@ mod tests {
         View { id: 0, name: "a.png".into(), camera, cam_from_world, depth_range: None }
     }
 
-    /// A view at the origin that looks along z, and points at these depths that views saw.
+    /// A view at the origin that looks along z, and points at these depths whose tracks name `views`.
     fn scene(depths: impl IntoIterator<Item = f64>, views: &[usize]) -> Scene {
         let point = |z: f64| SparsePoint { x_in_world: Vector3::new(0.1 * z, 0.0, z), views: views.to_vec() };
         let points = depths.into_iter().map(point).collect();
@@ -223,7 +225,7 @@ mod tests {
         from_points(scene, &SeenPoints::of(scene), view)
     }
 
-    /// `count` depths evenly from 4 to 6.
+    /// `count` depths, evenly spaced from 4 to 6.
     fn even(count: usize) -> impl Iterator<Item = f64> {
         (0..count).map(move |i| 4.0 + 2.0 * i as f64 / (count - 1) as f64)
     }
@@ -231,7 +233,7 @@ mod tests {
     #[test]
     fn points_give_their_range_and_a_margin() {
         let range = ranged(&scene(even(1001), &[0]), 0).unwrap();
-        // 1 % of 2 is left out, then a tenth of 1.96 added.
+        // At each end 1 % of the length 2 is left out; then a tenth of 1.96 is added.
         assert!((range.near - (4.02 - 0.196)).abs() < 1e-9 && (range.far - (5.98 + 0.196)).abs() < 1e-9);
     }
 

@@ -44,10 +44,10 @@ impl<T> Grid<T> {
     /// Wraps row-major `data`.
     ///
     /// # Panics
-    /// If `data` does not hold exactly one value a pixel.
+    /// If `data` does not hold exactly one value per pixel.
     #[must_use]
     pub fn from_vec(size: Size, data: Vec<T>) -> Self {
-        assert_eq!(data.len(), size.area(), "a {size} grid needs one value a pixel");
+        assert_eq!(data.len(), size.area(), "a {size} grid needs one value per pixel");
         Self { size, data }
     }
 
@@ -109,13 +109,13 @@ impl<T> Grid<T> {
         &mut self.data[y * self.size.width..][..self.size.width]
     }
 
-    /// The value at `(x, y)`, if that is inside.
+    /// The value at `(x, y)`; `None` outside of the raster.
     #[must_use]
     pub fn get(&self, x: usize, y: usize) -> Option<&T> {
         (x < self.size.width && y < self.size.height).then(|| &self.data[y * self.size.width + x])
     }
 
-    /// The raster of `f(value)`.
+    /// A raster of the same size with `f` of each value.
     #[must_use]
     pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Grid<U> {
         Grid { size: self.size, data: self.data.iter().map(f).collect() }
@@ -129,7 +129,7 @@ impl<T: Clone> Grid<T> {
         Self { size, data: vec![value; size.area()] }
     }
 
-    /// The raster enlarged or reduced to `size` by taking the pixel under each new pixel's centre.
+    /// The raster resized to `size` by nearest-neighbour sampling at the new pixels' centres.
     #[must_use]
     pub fn resized_nearest(&self, size: Size) -> Self {
         let column: Vec<usize> =

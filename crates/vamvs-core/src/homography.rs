@@ -1,8 +1,8 @@
-//! Where a pixel of the reference view at a given depth is seen in a source view.
+//! Where a source view sees a pixel of the reference view, for a given depth.
 //!
 //! Section 3.1 warps source features onto the fronto-parallel planes of the reference camera by
-//! plane-induced homographies. All of them share two terms, so a pair of views needs nothing but a
-//! matrix and a vector, and a plane costs one multiplication.
+//! plane-induced homographies. They differ only in the depth, so a pair of views needs one matrix and
+//! one vector for all planes.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -10,13 +10,14 @@ use crate::{Pinhole, Pose};
 
 /// The transfer of pixels from a reference view to a source view, for any depth.
 ///
-/// The reference pixel p = (x, y, 1) at depth d is seen in the source view at the homogeneous
-/// pixel `d · linear · p + offset`, the third entry of which is the depth in the source camera.
+/// The reference pixel p = (x, y, 1) at depth d projects to the homogeneous source pixel
+/// `d · linear · p + offset`, whose third entry is the depth in the source camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelTransfer {
     /// `K_source · R · K_reference⁻¹`.
     pub linear: Matrix3<f64>,
-    /// `K_source · t`, the epipole scaled by its depth.
+    /// `K_source · t`: the epipole, scaled by the depth of the reference camera's centre in the source
+    /// camera.
     pub offset: Vector3<f64>,
 }
 
@@ -32,19 +33,19 @@ impl PixelTransfer {
         }
     }
 
-    /// Source pixel and source depth of a reference pixel at `depth`; `None` where that is not before
-    /// the source camera.
+    /// The source pixel and source depth of a reference pixel at `depth`; `None` if the point is not
+    /// in front of the source camera.
     #[must_use]
     pub fn project(&self, pixel: &Vector2<f64>, depth: f64) -> Option<(Vector2<f64>, f64)> {
         let seen = self.linear * pixel.push(1.0) * depth + self.offset;
         (seen.z > 0.0).then(|| (seen.xy() / seen.z, seen.z))
     }
 
-    /// The homography that the reference camera's fronto-parallel plane at `depth` induces, from
-    /// reference to source pixels.
+    /// The homography from reference to source pixels that the reference camera's fronto-parallel
+    /// plane at `depth` induces.
     ///
-    /// This is the H(d) of section 3.1 (MVSNet, Yao et al. 2018, equation 1) in cameras whose frame is
-    /// the reference's: `K_s (R + t nᵀ / d) K_r⁻¹` with n the viewing direction, and `nᵀ K_r⁻¹` is
+    /// This is the H(d) of section 3.1 (MVSNet, Yao et al. 2018, equation 1), written in the reference
+    /// camera's frame: `K_s (R + t nᵀ / d) K_r⁻¹` with n the viewing direction, so that `nᵀ K_r⁻¹` is
     /// (0, 0, 1).
     #[must_use]
     pub fn homography(&self, depth: f64) -> Matrix3<f64> {

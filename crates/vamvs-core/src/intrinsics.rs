@@ -1,9 +1,9 @@
-//! The linear part of a camera: focal lengths and principal point.
+//! The intrinsics of a camera: focal lengths and principal point.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Focal lengths and principal point in pixels, by the pixel-centre convention of the crate.
+/// Focal lengths and principal point in pixels, in the pixel-centre convention of the crate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Intrinsics {
     /// Focal length along x, pixels.
@@ -33,13 +33,13 @@ pub enum IntrinsicsError {
         /// As given.
         cy: f64,
     },
-    /// Lower entries or skew that a pinhole camera does not have.
+    /// The matrix has skew or entries below the diagonal.
     #[error("expected a calibration matrix [fx 0 cx; 0 fy cy; 0 0 1], got {0}")]
     NotUpperTriangular(Matrix3<f64>),
 }
 
 impl Intrinsics {
-    /// Checks that the four numbers make a camera.
+    /// Checks that the focal lengths are positive and all four numbers finite.
     ///
     /// # Errors
     /// If a focal length is not positive and finite, or the principal point is not finite.
@@ -52,8 +52,8 @@ impl Intrinsics {
         }
     }
 
-    /// Reads a calibration matrix, dividing by its last entry. Skew must be negligible (below 1e-3
-    /// of the focal length).
+    /// Intrinsics of a calibration matrix, which is divided by its last entry first. Skew and lower
+    /// entries must be negligible (at most 1e-3 of the focal length).
     ///
     /// # Errors
     /// If the matrix is singular, not finite or not of the form `[fx 0 cx; 0 fy cy; 0 0 1]`.
@@ -73,7 +73,7 @@ impl Intrinsics {
         Matrix3::new(self.fx, 0.0, self.cx, 0.0, self.fy, self.cy, 0.0, 0.0, 1.0)
     }
 
-    /// The intrinsics of the image resized by `sx`, `sy`.
+    /// The intrinsics of the image resized by the factors `sx` and `sy`.
     #[must_use]
     pub fn scaled(&self, sx: f64, sy: f64) -> Self {
         Self { fx: self.fx * sx, fy: self.fy * sy, cx: self.cx * sx, cy: self.cy * sy }

@@ -1,14 +1,15 @@
 //! Lens distortion of normalised image coordinates.
 //!
-//! Every model is a map of the plane that is one-to-one around the axis and, for most calibrations,
-//! stops being so at some radius: there the distorted radius no longer grows, and points farther out
-//! would fold back into the image. A lens is defined up to that radius and nowhere beyond it. The
-//! tangential terms are small; of them it is only asked that they do not mirror the image at a point.
+//! Each model maps the plane of normalised coordinates to itself. Around the axis the map is one-to-one. For most
+//! calibrations it ceases to be so at some radius, where the distorted radius stops growing; points farther out would
+//! fold back into the image. The domain of a lens is the disc up to that radius, and distortion is undefined beyond
+//! it. Tangential terms are small; they are only required not to mirror the image locally (the Jacobian's determinant
+//! is positive).
 
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-/// A lens: how normalised image coordinates (x/z, y/z) are distorted.
+/// A lens, which distorts normalised image coordinates (x/z, y/z).
 ///
 /// The two distorting variants cover COLMAP's SIMPLE_RADIAL, RADIAL, OPENCV and FULL_OPENCV
 /// (all special cases of [`Lens::Rational`]) and OPENCV_FISHEYE ([`Lens::Fisheye`]).
@@ -31,14 +32,15 @@ pub enum Lens {
     },
 }
 
-/// Largest distance between a point to undistort and the distortion of the answer.
+/// Largest residual of [`Lens::undistort`]: the distance between the given point and the result distorted again, in
+/// normalised coordinates.
 const RESIDUAL: f64 = 1e-10;
 
-/// Newton steps before giving up; some ten suffice but near the fold.
+/// Most iterations of each numerical search. Newton's method needs about ten, except near the fold.
 const STEPS: usize = 100;
 
 impl Lens {
-    /// Whether the lens changes anything.
+    /// Whether the lens distorts at all. A fisheye always does.
     #[must_use]
     pub fn distorts(&self) -> bool {
         match self {
@@ -48,15 +50,14 @@ impl Lens {
         }
     }
 
-    /// Where the lens shows the normalised point `x`; `None` beyond the radius at which the model
-    /// folds over.
+    /// The distorted position of the normalised point `x`; `None` beyond the radius at which the model folds over.
     #[must_use]
     pub fn distort(&self, x: &Vector2<f64>) -> Option<Vector2<f64>> {
         self.distort_with_jacobian(x).map(|(distorted, _)| distorted)
     }
 
-    /// The largest squared radius of normalised points up to which the model is one-to-one, at most `limit`. It is found
-    /// by bisection; to distort many points, call this once and then [`Lens::distort_within`].
+    /// The largest squared radius of normalised points, at most `limit`, up to which the model is one-to-one. It is
+    /// found by bisection. To distort many points, call this once and then [`Lens::distort_within`].
     #[must_use]
     pub fn max_squared_radius(&self, limit: f64) -> f64 {
         if self.is_one_to_one_within(limit) {
@@ -70,16 +71,17 @@ impl Lens {
         valid
     }
 
-    /// [`Lens::distort`] for a squared radius `valid` up to which the model is known to be one-to-one; `None` beyond
-    /// it.
+    /// [`Lens::distort`] with the squared radius `valid` up to which the model is known to be one-to-one; `None`
+    /// beyond it.
     #[must_use]
     pub fn distort_within(&self, x: &Vector2<f64>, valid: f64) -> Option<Vector2<f64>> {
         (x.norm_squared() <= valid).then(|| self.distort_inside(x))?.map(|(distorted, _)| distorted)
     }
 
-    /// The normalised point that the lens shows at `distorted`: the inverse of [`Lens::distort`] to 1e-10.
+    /// The normalised point that the lens distorts to `distorted`: the inverse of [`Lens::distort`], to 1e-10.
     ///
-    /// `None` if there is none, as outside of the image of a strongly curved lens.
+    /// `None` if there is no such point, for example outside of the image circle of a strongly curved lens, or if the
+    /// search does not converge.
     #[must_use]
     pub fn undistort(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
         let mut x = self.start(distorted)?;
@@ -96,14 +98,15 @@ impl Lens {
         ((distorted - image).norm() <= RESIDUAL).then_some(x)
     }
 
-    /// A point of the lens's domain on the ray to `distorted`.
+    /// The start of Newton's method: the first of `distorted`, `distorted / 2`, `distorted / 4`, … that lies in the
+    /// lens's domain.
     fn start(&self, distorted: &Vector2<f64>) -> Option<Vector2<f64>> {
         let halvings = std::iter::successors(Some(*distorted), |x| Some(x * 0.5));
         halvings.take(STEPS).find(|x| self.distort_with_jacobian(x).is_some())
     }
 
-    /// The longest of the steps `step`, `step / 2`, … that stays in the domain and lessens the
-    /// residual; `None` once rounding allows no more.
+    /// A Newton step with backtracking: the longest of the steps `step`, `step / 2`, … that stays in the domain and
+    /// reduces the residual, with the point it leads to; `None` if rounding allows no further reduction.
     fn descend(
         &self,
         x: &Vector2<f64>,
@@ -124,7 +127,7 @@ impl Lens {
         (s.is_finite() && self.is_one_to_one_within(s)).then(|| self.distort_inside(x))?
     }
 
-    /// Whether the radial part is one-to-one up to a squared radius.
+    /// Whether the radial part is one-to-one up to the squared radius `s`.
     fn is_one_to_one_within(&self, s: f64) -> bool {
         match self {
             Self::None => true,
@@ -137,7 +140,7 @@ impl Lens {
         }
     }
 
-    /// As [`Lens::distort_with_jacobian`], for a point where the radial part is one-to-one.
+    /// [`Lens::distort_with_jacobian`] for a point at which the radial part is known to be one-to-one.
     fn distort_inside(&self, x: &Vector2<f64>) -> Option<Distorted> {
         match self {
             Self::None => Some((*x, Matrix2::identity())),
@@ -147,15 +150,15 @@ impl Lens {
     }
 }
 
-/// A distorted point and the derivative of it by the undistorted one.
+/// A distorted point and its Jacobian with respect to the undistorted point.
 type Distorted = (Vector2<f64>, Matrix2<f64>);
 
-/// The numerator and the denominator of the rational model, in r².
+/// The numerator and the denominator of the rational model, as polynomials in r².
 fn rational(k: &[f64; 6]) -> ([f64; 4], [f64; 4]) {
     ([1.0, k[0], k[1], k[2]], [1.0, k[3], k[4], k[5]])
 }
 
-/// The derivative of the distorted angle by the angle, in θ².
+/// The derivative of the distorted angle with respect to the angle, as a polynomial in θ².
 fn angle_slope(k: &[f64; 4]) -> [f64; 5] {
     [1.0, 3.0 * k[0], 5.0 * k[1], 7.0 * k[2], 9.0 * k[3]]
 }
@@ -186,12 +189,12 @@ fn distort_fisheye(k: &[f64; 4], x: &Vector2<f64>) -> Option<Distorted> {
     let (polynomial, _) = value_and_derivative(&[1.0, k[0], k[1], k[2], k[3]], s);
     let (dtheta_distorted, _) = value_and_derivative(&angle_slope(k), s);
     let factor = theta * polynomial / r;
-    // The factor's derivative by r², from that of the distorted angle by r.
+    // The factor's derivative with respect to r², from that of the distorted angle with respect to r.
     let factor_slope = (dtheta_distorted / (1.0 + r * r) - factor) / (2.0 * r * r);
     Some((x * factor, radial_jacobian(x, factor, factor_slope)))
 }
 
-/// The derivative of `x · f(|x|²)`, from f and its derivative.
+/// The Jacobian of `x · f(|x|²)`, from f (`factor`) and its derivative f′ (`slope`) at |x|².
 fn radial_jacobian(x: &Vector2<f64>, factor: f64, slope: f64) -> Matrix2<f64> {
     Matrix2::identity() * factor + x * x.transpose() * (2.0 * slope)
 }
@@ -214,11 +217,11 @@ fn value_and_derivative<const N: usize>(coefficients: &[f64; N], s: f64) -> (f64
 
 /// Whether a polynomial, constant term first, is positive on all of `[0, s]`.
 ///
-/// Exact up to rounding: in the Bernstein basis of an interval a polynomial lies between its least
-/// and its greatest coefficient and meets the first and the last; where that leaves it open, each
-/// half of the interval is asked.
+/// Exact up to rounding. On an interval, a polynomial lies between its smallest and its largest Bernstein
+/// coefficient, and at the ends it equals the first and the last one. If that does not decide, the two halves of the
+/// interval are tested. After 40 halvings the answer is `false`.
 fn is_positive_up_to<const N: usize>(coefficients: &[f64; N], s: f64) -> bool {
-    // c_i sⁱ / C(N − 1, i), then b_j = Σ_i C(j, i) of that, by Pascal's rule.
+    // Scale to b_i = c_i sⁱ / C(N − 1, i); then b_j = Σ_i C(j, i) b_i, by Pascal's rule.
     let mut bernstein = *coefficients;
     let (mut power, mut binomial) = (1.0, 1.0);
     for (i, b) in bernstein.iter_mut().enumerate() {
@@ -241,7 +244,7 @@ fn bernstein_is_positive<const N: usize>(b: &[f64; N], halvings: u32) -> bool {
     if halvings == 0 || !(b[0] > 0.0 && b[N - 1] > 0.0) {
         return false;
     }
-    // De Casteljau: the triangle's two sides are the coefficients of the halves.
+    // De Casteljau's algorithm: the two sides of the triangle are the coefficients of the two halves.
     let (mut left, mut right) = (*b, *b);
     for (level, side) in left.iter_mut().enumerate() {
         *side = right[0];
@@ -275,7 +278,7 @@ mod tests {
         }
     }
 
-    // Expected values of the next three: OpenCV 5.0, projectPoints and fisheye.projectPoints.
+    // Expected values of the next three tests: OpenCV 5.0, projectPoints and fisheye.projectPoints.
 
     #[test]
     fn radial_and_tangential_distortion_is_opencvs() {
@@ -322,7 +325,7 @@ mod tests {
 
     #[test]
     fn the_branch_behind_a_fold_is_not_the_lens() {
-        // The distorted radius falls for r² from 1/2 to 1 and then grows without end.
+        // The distorted radius decreases for r² from 1/2 to 1 and increases again beyond.
         let folding = radial([-1.0, 0.4, 0.0, 0.0, 0.0, 0.0]);
         assert!(folding.distort(&Vector2::new(0.7, 0.0)).is_some());
         assert!(folding.distort(&Vector2::new(0.8, 0.0)).is_none());

@@ -1,6 +1,6 @@
 //! Pure multi-view geometry: cameras, scenes, view selection, depth, neighbours, clouds.
 //!
-//! This crate knows no file and no tensor. Its conventions are those of `CONVENTIONS.md`:
+//! This crate reads no files and holds no tensors. Its conventions are those of `CONVENTIONS.md`:
 //! transforms are named `dst_from_src` and points `x_in_frame`; a camera looks along +z with x to
 //! the right and y down; depth is z in the camera's frame; an image spans `[0, W] × [0, H]` and the
 //! centre of pixel `(i, j)` is `(i + 0.5, j + 0.5)`.

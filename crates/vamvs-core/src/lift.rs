@@ -1,16 +1,16 @@
-//! From pixels with depth back to points.
+//! Back-projection of pixels with depth to points.
 
 use nalgebra::{Vector2, Vector3};
 
 use crate::{DepthMap, Pinhole, depth_map::is_valid};
 
-/// The point that image coordinates `pixel` show at `depth`, in the camera's frame.
+/// The point, in the camera's frame, at `depth` on the ray through the image coordinates `pixel`.
 #[must_use]
 pub fn lift(camera: &Pinhole, pixel: &Vector2<f64>, depth: f64) -> Vector3<f64> {
     camera.intrinsics.ray(pixel) * depth
 }
 
-/// The points in the world that a depth map's pixel centres show, row after row; `None` where a pixel
+/// The back-projected pixel centres of a depth map, in the world, row after row; `None` where a pixel
 /// has no depth.
 pub fn lift_map(map: &DepthMap) -> impl Iterator<Item = Option<Vector3<f64>>> {
     let world_from_cam = map.cam_from_world.inverse();

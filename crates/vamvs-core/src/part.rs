@@ -7,7 +7,7 @@ use std::str::FromStr;
 /// Part `index` of `count` parts of about the same size. Spelled `1/4` to `4/4`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
-    /// From 0.
+    /// Counts from 0.
     index: usize,
     count: usize,
 }
@@ -16,7 +16,7 @@ impl Part {
     /// The only part: everything.
     pub const WHOLE: Self = Self { index: 0, count: 1 };
 
-    /// The part `index`, from 0, of `count`; `None` if there is no such part.
+    /// Part `index`, counted from 0, of `count`; `None` if `index` is not below `count`.
     #[must_use]
     pub fn new(index: usize, count: usize) -> Option<Self> {
         (index < count).then_some(Self { index, count })
@@ -33,7 +33,8 @@ impl Part {
         self.count
     }
 
-    /// The items of a list of `len` that belong to the part. The parts follow each other without a gap.
+    /// The part's range of items in a list of `len` items. The ranges of consecutive parts are
+    /// adjacent.
     #[must_use]
     pub fn range(self, len: usize) -> Range<usize> {
         let end = |parts: usize| (len as u128 * parts as u128 / self.count as u128) as usize;

@@ -1,4 +1,4 @@
-//! What the network sees of a view: an undistorted photograph and its camera.
+//! The input of depth estimation for one view: an undistorted photograph and its camera.
 
 use crate::{Grid, Pinhole, Pose};
 
@@ -14,6 +14,6 @@ pub struct Photo {
     pub cam_from_world: Pose,
     /// The image.
     pub image: Grid<Rgb>,
-    /// Pixels that count (`true`); `None` if all do.
+    /// `true` for the pixels that are used; `None` if all are.
     pub mask: Option<Grid<bool>>,
 }

@@ -1,8 +1,8 @@
-//! The fronto-parallel planes of a sweep, and the coordinate along them.
+//! The fronto-parallel planes of a plane sweep, and the coordinate along them.
 //!
-//! A surface's place along a viewing ray is measured in *planes*: coordinate u = 0 is the nearest plane,
-//! `count − 1` the farthest, and one unit is one plane distance (the paper's d). Hypotheses, flow and
-//! losses live in this coordinate, so that they mean the same for every scene scale and for both
+//! A surface's position along a viewing ray is measured in *planes*: coordinate u = 0 is the nearest
+//! plane, `count − 1` the farthest, and one unit is one plane distance (the paper's d). Hypotheses, flow
+//! and losses are in this coordinate, so that they mean the same for every scene scale and for both
 //! spacings.
 
 use nalgebra::Vector2;
@@ -11,17 +11,18 @@ use serde::{Deserialize, Serialize};
 use crate::homography::PixelTransfer;
 use crate::{DepthRange, Pinhole, Pose};
 
-/// The step between planes that [`Planes::for_views`] aims at, pixels in the source views: half a pixel
-/// of the cost volume at 1/8.
+/// The distance between neighbouring planes that [`Planes::for_views`] aims at, pixels in the source
+/// views: half a pixel of the cost volume at 1/8.
 const PIXELS_PER_PLANE: f64 = 4.0;
 
-/// Fewest planes that [`Planes::for_views`] gives.
+/// Fewest planes that [`Planes::for_views`] gives, unless `most` is smaller.
 const FEWEST: usize = 32;
 
-/// Ratio of far to near above which equal steps of depth would waste planes far away.
+/// Ratio of far to near above which planes are uniform in inverse depth; equal steps of depth would be
+/// too fine far away.
 const WIDE_RATIO: f64 = 3.0;
 
-/// What is uniform between the planes of a sweep.
+/// How the planes of a sweep are spaced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -32,14 +33,14 @@ pub enum Spacing {
     InverseDepth,
 }
 
-/// The planes of a sweep.
+/// The planes of a plane sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Planes {
     /// Depths of the first and the last plane.
     pub range: DepthRange,
     /// Number of planes, at least 2.
     pub count: usize,
-    /// What is uniform between them.
+    /// How they are spaced.
     pub spacing: Spacing,
 }
 
@@ -66,9 +67,10 @@ impl Planes {
         t * (self.count - 1) as f64
     }
 
-    /// Planes for a range as seen by cameras: so many, up to `most`, that in the sources' images two of
-    /// them are about four pixels apart; uniform in inverse depth if the range is wide (far beyond
-    /// three times near).
+    /// Planes for a depth range, given the reference and source cameras. Neighbouring planes are about
+    /// four pixels apart in the source images (the median over sources and rays). Their number is
+    /// rounded up to a multiple of 8 and clamped to between 32 and `most`. Spacing is uniform in inverse
+    /// depth if the range is wide, far > 3 · near.
     #[must_use]
     pub fn for_views(
         range: DepthRange,
@@ -93,8 +95,8 @@ impl Planes {
     }
 }
 
-/// Pixels between the images, in the source view, of the ends of a reference ray's range: the median
-/// over a 3×3 grid of rays; `None` if no ray is before the source at both ends.
+/// How many pixels the depth range of a reference ray spans in the source view: the median over a 3×3
+/// grid of rays; `None` if no ray is in front of the source camera at both ends.
 fn image_span(range: DepthRange, reference: (&Pinhole, &Pose), source: (&Pinhole, &Pose)) -> Option<f64> {
     let source_from_reference = source.1.compose(&reference.1.inverse());
     let transfer = PixelTransfer::new(reference.0, source.0, &source_from_reference);

@@ -15,10 +15,10 @@ pub struct Pose {
 /// Why a transform was refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PoseError {
-    /// NaN or infinity.
+    /// An entry is NaN or infinite.
     #[error("the pose has an entry that is not a finite number")]
     NotFinite,
-    /// RᵀR differs from the identity, or R mirrors.
+    /// RᵀR differs from the identity, or R is a reflection.
     #[error(
         "the 3×3 part is not a rotation: RᵀR differs from the identity by {deviation:.3e}, determinant {determinant:.6}"
     )]
@@ -31,13 +31,14 @@ pub enum PoseError {
 }
 
 impl Pose {
-    /// The transform that changes nothing.
+    /// The identity transform.
     #[must_use]
     pub fn identity() -> Self {
         Self { rotation: Matrix3::identity(), translation: Vector3::zeros() }
     }
 
-    /// Checks that `rotation` is one to 1e-3 (files store few digits) and makes it exact.
+    /// Accepts a matrix that is a rotation to 1e-3 (files store few digits) and replaces it by the
+    /// nearest exact rotation.
     ///
     /// # Errors
     /// If an entry is not finite, or the matrix is not a proper rotation.
@@ -58,7 +59,8 @@ impl Pose {
         Ok(Self { rotation: exact, translation })
     }
 
-    /// The camera at `eye` that looks at `target`, with the image's y axis away from `up`.
+    /// The pose `cam_from_world` of a camera at `eye` that looks at `target`; the image's y axis
+    /// points away from `up`.
     #[must_use]
     pub fn look_at(eye: &Vector3<f64>, target: &Vector3<f64>, up: &Vector3<f64>) -> Self {
         let z = target - eye;
@@ -66,7 +68,7 @@ impl Pose {
         Self { rotation, translation: -(rotation * eye) }
     }
 
-    /// Carries a point of the source frame to the destination frame.
+    /// Transforms a point from the source frame to the destination frame.
     #[must_use]
     pub fn transform(&self, x_in_src: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * x_in_src + self.translation
@@ -79,7 +81,7 @@ impl Pose {
         Self { rotation, translation: -(rotation * self.translation) }
     }
 
-    /// `c_from_a` from `c_from_b` (this) and `b_from_a`.
+    /// `c_from_a`, the product of this `c_from_b` and `b_from_a`.
     #[must_use]
     pub fn compose(&self, b_from_a: &Self) -> Self {
         Self {
@@ -88,13 +90,15 @@ impl Pose {
         }
     }
 
-    /// The origin of the destination frame in the source frame: a camera's centre in the world.
+    /// The origin of the destination frame in the source frame. For a `cam_from_world` it is the
+    /// camera's centre in the world.
     #[must_use]
     pub fn centre(&self) -> Vector3<f64> {
         -(self.rotation.transpose() * self.translation)
     }
 
-    /// The direction of the destination frame's z axis in the source frame: where a camera looks.
+    /// The destination frame's z axis, a unit vector in the source frame. For a `cam_from_world` it
+    /// is the viewing direction.
     #[must_use]
     pub fn forward(&self) -> Vector3<f64> {
         self.rotation.row(2).transpose()

@@ -1,11 +1,12 @@
-//! A region of interest: a box in the world, and the part of an image and of the depths it takes.
+//! A region of interest: a box in the world, with the pixels and the depths that it covers in a
+//! view.
 
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::{Grid, Pinhole, Pose};
 
-/// A box in the world with edges along its axes.
+/// An axis-aligned box in the world, in scene units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Bounds")]
 pub struct Roi {
@@ -15,13 +16,13 @@ pub struct Roi {
     pub max: Vector3<f64>,
 }
 
-/// Bounds that span no box.
+/// The bounds do not span a box.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "a region of interest needs finite bounds with min < max on each axis; on {axis} got min {min}, max {max}"
 )]
 pub struct RoiError {
-    /// x, y or z.
+    /// The axis at fault: x, y or z.
     pub axis: char,
     /// As given.
     pub min: f64,
@@ -43,7 +44,7 @@ pub struct PixelBox {
 }
 
 impl PixelBox {
-    /// The smallest box around all pixels that are `true`, if there are any.
+    /// The smallest box around all pixels that are `true`; `None` if there are none.
     #[must_use]
     pub fn around(mask: &Grid<bool>) -> Option<Self> {
         let wanted = |(x, y): &(usize, usize)| mask[(*x, *y)];
@@ -57,7 +58,7 @@ impl PixelBox {
         })
     }
 
-    /// What is in both boxes, if anything is.
+    /// The intersection of two boxes; `None` if it is empty.
     #[must_use]
     pub fn common(self, other: Self) -> Option<Self> {
         let [x0, y0] = [self.x0.max(other.x0), self.y0.max(other.y0)];
@@ -66,14 +67,14 @@ impl PixelBox {
     }
 }
 
-/// Depths nearer than this share of the box's farthest depth are cut off.
+/// Depths below this share of the box's farthest depth are cut off.
 const NEAREST: f64 = 1e-3;
 
 impl Roi {
     /// Checks that the bounds are finite and span a volume.
     ///
     /// # Errors
-    /// If not, with the first axis at fault.
+    /// If a bound is not finite or min ≥ max; the error names the first such axis.
     pub fn try_new(min: Vector3<f64>, max: Vector3<f64>) -> Result<Self, RoiError> {
         for (i, axis) in ['x', 'y', 'z'].into_iter().enumerate() {
             let (min, max) = (min[i], max[i]);
@@ -98,10 +99,10 @@ impl Roi {
         })
     }
 
-    /// Nearest and farthest depth of the box; `None` if it is wholly behind the camera.
+    /// The nearest and the farthest depth of the box; `None` if the whole box is behind the camera.
     ///
-    /// For a box that reaches to the camera or behind it, the nearest depth is a thousandth of the
-    /// farthest, so that it is always positive.
+    /// The nearest depth is at least a thousandth of the farthest, so it is positive even if the box
+    /// contains the camera or reaches behind it.
     #[must_use]
     pub fn depth_range(&self, cam_from_world: &Pose) -> Option<(f64, f64)> {
         let depths = self.corners().map(|corner| cam_from_world.transform(&corner).z);
@@ -110,9 +111,9 @@ impl Roi {
         (far > 0.0).then(|| (near.max(NEAREST * far), far))
     }
 
-    /// The pixels in which the box can be seen; `None` if it is outside of the image.
+    /// The pixels that can see the box; `None` if it is outside of the image or behind the camera.
     ///
-    /// The rectangle bounds the projection of the box, cut at the nearest depth of
+    /// The rectangle bounds the projection of the box, clipped at the nearest depth of
     /// [`Roi::depth_range`].
     #[must_use]
     pub fn pixel_box(&self, camera: &Pinhole, cam_from_world: &Pose) -> Option<PixelBox> {
@@ -129,9 +130,9 @@ impl Roi {
         Some(PixelBox { x0, y0, x1, y1 })
     }
 
-    /// The vertices, in the camera's frame, of what is left of the box at depths of at least `near`:
-    /// corners, and where edges cross the near plane. What is left is convex, so its projection is
-    /// the convex hull of theirs.
+    /// The vertices, in the camera's frame, of the box clipped to depths of at least `near`: its
+    /// corners beyond that plane, and the points where edges cross it. The clipped box is convex, so
+    /// its projection is the convex hull of the projected vertices.
     fn vertices_beyond(&self, near: f64, cam_from_world: &Pose) -> Vec<Vector3<f64>> {
         let corners = self.corners().map(|corner| cam_from_world.transform(&corner));
         let mut vertices: Vec<_> = corners.into_iter().filter(|corner| corner.z >= near).collect();
@@ -160,19 +161,20 @@ impl PixelBox {
     }
 }
 
-/// The twelve edges as indices of corners that differ in one bit.
+/// The twelve edges as pairs of corner indices, which differ in one bit.
 fn edges() -> impl Iterator<Item = (usize, usize)> {
     (0..8).flat_map(|a| (0..3).map(move |bit| (a, a | 1 << bit))).filter(|(a, b)| a != b)
 }
 
-/// The pixels of `0..count` that `[low, high]` touches.
+/// The range of pixels of `0..count` that the interval `[low, high]` touches; `None` if there are
+/// none.
 fn span(low: f64, high: f64, count: usize) -> Option<(usize, usize)> {
     let first = low.floor().max(0.0);
     let end = high.ceil().min(count as f64);
     (first < end).then_some((first as usize, end as usize))
 }
 
-/// A box as written in a file, not checked yet.
+/// The bounds as read from a file, not checked yet.
 #[derive(Deserialize)]
 struct Bounds {
     min: Vector3<f64>,

@@ -1,4 +1,4 @@
-//! A set of photographs with known cameras, as a reader finds it.
+//! A set of photographs with known cameras, as read from a scene's files.
 
 use nalgebra::Vector3;
 
@@ -7,11 +7,11 @@ use crate::{Camera, DepthRange, Pose};
 /// One photograph's name, camera and pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// The number by which the scene's files know the view (COLMAP image id, MVSNet view number).
+    /// The view's number in the scene's files (COLMAP image id, MVSNet view number).
     pub id: u32,
     /// The image file's path relative to the image folder, with `/` between folders.
     pub name: String,
-    /// The camera as calibrated.
+    /// The camera as calibrated, lens distortion included.
     pub camera: Camera,
     /// The pose.
     pub cam_from_world: Pose,
@@ -28,12 +28,13 @@ pub struct SparsePoint {
     pub views: Vec<usize>,
 }
 
-/// Another view that shows a view's surfaces.
+/// A source view of some reference view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Source {
     /// Index into [`Scene::views`].
     pub view: usize,
-    /// How much it helps; only the ratios to the scores of the same view's other sources mean something.
+    /// How much the source view helps, higher is better. Only the ratios of scores of the same reference
+    /// view have a meaning.
     pub score: f64,
 }
 
@@ -44,6 +45,6 @@ pub struct Scene {
     pub views: Vec<View>,
     /// Triangulated points; empty if the scene's files have none.
     pub points: Vec<SparsePoint>,
-    /// For each view, its source views, best first, if the scene's files say.
+    /// For each view, its source views, best first; `None` if the scene's files do not list them.
     pub pairs: Option<Vec<Vec<Source>>>,
 }

@@ -1,18 +1,18 @@
-//! Which points each view saw, found in one pass over the points.
+//! Which triangulated points each view saw, found in one pass over the points.
 
 use crate::Scene;
 
-/// For each view of a scene the points that it saw.
+/// For each view of a scene, the points that it saw.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SeenPoints {
     /// Indices of points, view after view.
     points: Vec<usize>,
-    /// Where the points of each view begin, and where the last ones end.
+    /// View `v` owns `points[begins[v]..begins[v + 1]]`.
     begins: Vec<usize>,
 }
 
 impl SeenPoints {
-    /// The points that each view of `scene` saw, by the points' tracks.
+    /// The points that each view of `scene` saw, according to the points' tracks.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
         let tracks =

@@ -1,4 +1,5 @@
-//! Rotations, scalings and shifts in one: what two reconstructions of a scene may differ by.
+//! Similarity transforms (rotation, scale and translation), by which two reconstructions of a scene may
+//! differ.
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 use serde::{Deserialize, Serialize};
@@ -18,7 +19,7 @@ pub struct Similarity {
 }
 
 impl Similarity {
-    /// The transform that changes nothing.
+    /// The identity transform.
     #[must_use]
     pub fn identity() -> Self {
         Self { scale: 1.0, rotation: Matrix3::identity(), translation: Vector3::zeros() }
@@ -27,7 +28,7 @@ impl Similarity {
     /// The transform of a homogeneous 4×4 matrix: `s · R` and `t` in its first three rows.
     ///
     /// # Errors
-    /// If an entry is not finite, or the 3×3 part is no scaled rotation (to 1e-3, as for poses).
+    /// If an entry is not finite, or the 3×3 part is not a scaled rotation (to 1e-3, as for poses).
     pub fn try_from_matrix(matrix: &Matrix4<f64>) -> Result<Self, PoseError> {
         let scaled: Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into();
         let translation: Vector3<f64> = matrix.fixed_view::<3, 1>(0, 3).into();
@@ -36,13 +37,13 @@ impl Similarity {
         Ok(Self { scale, rotation, translation })
     }
 
-    /// `x_in_dst`.
+    /// Transforms a point from the source frame to the destination frame.
     #[must_use]
     pub fn transform(&self, x_in_src: &Vector3<f64>) -> Vector3<f64> {
         self.scale * (self.rotation * x_in_src) + self.translation
     }
 
-    /// `dst_from_start`, of this `dst_from_src` and `src_from_start`.
+    /// `dst_from_start`, the product of this `dst_from_src` and `src_from_start`.
     #[must_use]
     pub fn compose(&self, src_from_start: &Self) -> Self {
         Self {
@@ -52,8 +53,8 @@ impl Similarity {
         }
     }
 
-    /// The transform that takes the first points of pairs as near to the second ones as can be, by the
-    /// sum of squared distances (Umeyama 1991, eq. 40 to 43); `None` if the first points do not spread.
+    /// The least-squares transform from the first to the second points of pairs (Umeyama 1991, eq. 40
+    /// to 43); `None` if the first or the second points all coincide.
     #[must_use]
     pub fn fit(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Option<Self> {
         let count = pairs.len() as f64;

@@ -1,32 +1,33 @@
-//! From photographs with a lens to photographs of a pinhole camera.
+//! Undistortion: resamples a photograph taken through a lens to that of a pinhole camera.
 
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use crate::{Camera, Grid, Intrinsics, Pinhole, Rgb, Size};
 
-/// The undistorted camera of a photograph, and the resampling that makes its image.
+/// The pinhole camera of an undistorted photograph, and the resampling that makes the undistorted image.
 ///
-/// The pinhole's image has the photograph's size, and its pixels the same aspect. Its field of view is
-/// chosen so that most of the photograph is kept and little is left empty: the medians of where the
-/// photograph's four borders lie without distortion bound a rectangle, at most 120° wide and high, and
-/// the view is the largest in it, about its centre.
+/// The undistorted image has the photograph's size, and the pinhole the ratio fx : fy of the photograph's camera. The
+/// field of view keeps most of the photograph and leaves few pixels empty: each of the photograph's four borders is
+/// undistorted, the medians of their positions bound a rectangle of at most 120° in width and height, and the view is
+/// the largest one inside that rectangle, about its centre.
 #[derive(Clone, Debug)]
 pub struct Undistortion {
     camera: Camera,
     pinhole: Pinhole,
-    /// The squared radius up to which the lens is one-to-one, as far as the pinhole sees.
+    /// The squared radius of normalised points up to which the lens is one-to-one, at most that of the pinhole's
+    /// corners.
     valid: f64,
 }
 
-/// tan 60°: half of the largest field of view.
+/// tan 60°, half of the largest field of view.
 const LARGEST_TANGENT: f64 = 1.732_050_807_568_877_2;
 
-/// Points looked at along each border.
+/// Points that are undistorted along each border.
 const BORDER_SAMPLES: usize = 101;
 
 impl Undistortion {
-    /// Chooses the pinhole camera. A lens without distortion keeps its camera.
+    /// Chooses the pinhole camera. Without distortion the intrinsics stay as they are.
     #[must_use]
     pub fn new(camera: &Camera) -> Self {
         let intrinsics = if camera.lens.distorts() { chosen_intrinsics(camera) } else { camera.intrinsics };
@@ -38,14 +39,14 @@ impl Undistortion {
         }
     }
 
-    /// The same resampling from a photograph of `from` pixels to an image of `to` pixels: the photograph reduced, the
-    /// lens and the field of view as they are.
+    /// The same resampling for a photograph of `from` pixels and an undistorted image of `to` pixels; lens and field
+    /// of view stay as they are.
     #[must_use]
     pub fn resized(&self, from: Size, to: Size) -> Self {
         Self { camera: self.camera.resized(from), pinhole: self.pinhole.resized(to), valid: self.valid }
     }
 
-    /// Whether an image of the photograph's size differs from the photograph: whether the lens distorts.
+    /// Whether undistortion changes the photograph, at the same size: whether the lens distorts.
     #[must_use]
     pub fn changes(&self) -> bool {
         self.camera.lens.distorts()
@@ -66,11 +67,11 @@ impl Undistortion {
         self.resample(image, [0; 3], bilinear)
     }
 
-    /// The undistorted mask. Pixels that show nothing of the photograph do not count; `None` if there
-    /// is neither a mask nor a distortion.
+    /// The undistorted mask. Pixels that lie outside of the photograph are `false`. `None` if there is neither a mask
+    /// nor a distortion.
     ///
     /// # Panics
-    /// If the mask does not have the camera's size.
+    /// If the lens distorts and the mask does not have the camera's size.
     #[must_use]
     pub fn mask(&self, mask: Option<&Grid<bool>>) -> Option<Grid<bool>> {
         match mask {
@@ -81,7 +82,7 @@ impl Undistortion {
         }
     }
 
-    /// Where a pixel of the undistorted image lies in the photograph, if it does.
+    /// The image coordinates in the photograph of a point of the undistorted image; `None` outside of the photograph.
     fn photograph_from_pinhole(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
         let bent = self.camera.lens.distort_within(&self.pinhole.intrinsics.ray(pixel).xy(), self.valid)?;
         let source = self.camera.intrinsics.project(&bent.push(1.0));
@@ -103,7 +104,8 @@ impl Undistortion {
         self.gather(fill, |pixel| sample(source, pixel))
     }
 
-    /// Samples for all pixels that lie in the photograph.
+    /// Fills the undistorted image: `sample` gets the photograph's image coordinates of each pixel that lies in the
+    /// photograph; the other pixels are `fill`.
     fn gather<T: Clone + Send + Sync>(&self, fill: T, sample: impl Fn(&Vector2<f64>) -> T + Sync) -> Grid<T> {
         let mut out = Grid::filled(self.pinhole.size, fill);
         let width = out.width().max(1);
@@ -119,7 +121,7 @@ impl Undistortion {
     }
 }
 
-/// The largest squared radius of the normalised points in an image, which is that of a corner, and a little more.
+/// The largest squared radius of normalised points in the image, that of a corner, plus 0.1 %.
 fn largest_squared_radius(pinhole: &Pinhole) -> f64 {
     let (width, height) = (pinhole.size.width as f64, pinhole.size.height as f64);
     let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
@@ -127,8 +129,8 @@ fn largest_squared_radius(pinhole: &Pinhole) -> f64 {
     1.001 * squares.into_iter().fold(0.0, f64::max)
 }
 
-/// The colour at image coordinates inside of the image, between the four nearest pixel centres; beyond
-/// the outermost centres, theirs.
+/// The colour at image coordinates inside the image, bilinear between the four nearest pixel centres. Outside of the
+/// outermost centres, the border pixels are repeated.
 fn bilinear(image: &Grid<Rgb>, pixel: &Vector2<f64>) -> Rgb {
     let (x0, x1, u) = neighbours(pixel.x, image.width());
     let (y0, y1, v) = neighbours(pixel.y, image.height());
@@ -139,7 +141,7 @@ fn bilinear(image: &Grid<Rgb>, pixel: &Vector2<f64>) -> Rgb {
     })
 }
 
-/// The pixels whose centres lie before and after a coordinate, and its place between them.
+/// The pixels whose centres lie on both sides of a coordinate, and the weight of the second one, 0 to 1.
 fn neighbours(coordinate: f64, count: usize) -> (usize, usize, f32) {
     let from_first_centre = (coordinate - 0.5).clamp(0.0, (count - 1) as f64);
     let before = from_first_centre as usize;
@@ -153,7 +155,7 @@ fn nearest(mask: &Grid<bool>, pixel: &Vector2<f64>) -> bool {
     mask[(x, y)]
 }
 
-/// The linear part of the undistorted camera of [`Undistortion`].
+/// The intrinsics of the undistorted camera, as [`Undistortion`] describes them.
 fn chosen_intrinsics(camera: &Camera) -> Intrinsics {
     let Size { width, height } = camera.size;
     let (w, h) = (width as f64, height as f64);
@@ -165,14 +167,13 @@ fn chosen_intrinsics(camera: &Camera) -> Intrinsics {
     let scale = (w / (right - left) / k.fx).max(h / (bottom - top) / k.fy);
     let (fx, fy) = (k.fx * scale, k.fy * scale);
     let (cx, cy) = (0.5 * (w - fx * (left + right)), 0.5 * (h - fy * (top + bottom)));
-    // A photograph that lies wholly beyond the lens model leaves no field of view to choose from.
+    // If the whole photograph lies beyond the lens model, there is no field of view to choose from.
     Intrinsics::try_new(fx, fy, cx, cy).unwrap_or(k)
 }
 
-/// The median of one coordinate of border pixels without distortion.
+/// The median of one normalised coordinate (`axis` 0 for x, 1 for y) of undistorted border pixels.
 ///
-/// A pixel that the lens model does not reach counts as infinitely far out, and what is beyond the
-/// largest field of view as on its border.
+/// Coordinates are clamped to the largest field of view. A pixel beyond the lens model counts as infinitely far out.
 fn median_coordinate(camera: &Camera, axis: usize, border: impl Iterator<Item = Vector2<f64>>) -> f64 {
     let mut coordinates: Vec<f64> = border
         .map(|pixel| {
@@ -206,8 +207,8 @@ mod tests {
         camera(Lens::Fisheye { k: [0.02, -0.01, 0.0, 0.0] })
     }
 
-    /// The colour of the world in a direction: waves of some 20 pixels, so that half a pixel's shift
-    /// changes it by up to 15 levels.
+    /// The colour seen in a direction (x/z, y/z): waves of about 20 pixels, so that a shift by half a pixel changes
+    /// it by up to 15 levels.
     fn world(x: &Vector2<f64>) -> Rgb {
         [x.x, x.y, x.x + x.y].map(|v| (127.0 + 100.0 * (80.0 * v).sin()).round() as u8)
     }
@@ -252,7 +253,7 @@ mod tests {
         }
     }
 
-    /// A photograph of half the size, and a mask of the whole size, give the same image of half the size.
+    /// A photograph of half the size, or a mask of the full size, gives the same image of half the size.
     #[test]
     fn a_smaller_image_is_that_of_the_same_field_of_view() {
         let half = Size::new(SIZE.width / 2, SIZE.height / 2);

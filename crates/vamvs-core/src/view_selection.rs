@@ -1,39 +1,38 @@
-//! Which other views help a view's depth.
+//! Selection of source views for each reference view.
 //!
-//! A good source view shows the same surfaces from a little aside: a narrow angle between the viewing
-//! rays gives uncertain depth, a wide one makes surfaces look different. MVSNet (Yao et al. 2018,
-//! section 4.1) scores a pair of views by the sum, over the points both saw, of a piecewise Gaussian of
-//! that angle. Where points do not tell what the views saw, a grid of virtual points in the view's
-//! frustum stands in for them.
+//! A good source view shows the same surfaces from a moderate baseline: a small triangulation angle makes depth
+//! uncertain, a large one makes surfaces look different. MVSNet (Yao et al. 2018, section 4.1) scores a pair of views
+//! by the sum, over the points both saw, of a piecewise Gaussian of that angle. If there are no tracks to tell what
+//! the views saw, a grid of virtual points in the view's frustum is used instead.
 
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 
 use crate::{DepthRange, Pinhole, Scene, SeenPoints, Source, View, depth_range, lift::lift};
 
-/// The best angle between viewing rays, degrees: θ₀ of MVSNet.
+/// The best triangulation angle, degrees: θ₀ of MVSNet.
 const BEST_ANGLE: f64 = 5.0;
 
-/// Deviation of the score below the best angle, degrees: σ₁ of MVSNet.
+/// Standard deviation of the Gaussian below the best angle, degrees: σ₁ of MVSNet.
 const NARROWER: f64 = 1.0;
 
-/// Deviation of the score above the best angle, degrees: σ₂ of MVSNet.
+/// Standard deviation of the Gaussian above the best angle, degrees: σ₂ of MVSNet.
 const WIDER: f64 = 10.0;
 
-/// A mean score of the common points below this is none: angles below 0.2° and above 53°.
+/// Views are not selected if the mean score of the common points is at most this: that of angles of 0.2° and of 53°.
 const NEGLIGIBLE: f64 = 1e-5;
 
-/// So many sources are compared whatever their scores.
+/// This many of the best sources are compared, whatever their scores.
 const FEWEST_COMPARED: usize = 4;
 
-/// Further ones are compared if they have this share of the best one's score: those with less show so little of
-/// the surfaces, or from so far aside, that they take away more than they tell.
+/// Further sources are compared if their score is at least this share of the best one's. The others share so little
+/// of the surfaces, or have so wide a baseline, that they do more harm than good.
 const WORTH: f64 = 0.3;
 
-/// A view that saw fewer points together with others than these is judged by geometry.
+/// Source views are scored by camera geometry if the view shares fewer points than this with other views.
 const FEWEST_POINTS: usize = 10;
 
-/// Nearest views by which the depth of the virtual points is estimated.
+/// Number of nearest views from which the depth range of the virtual points is estimated.
 const NEAR_VIEWS: usize = 10;
 
 /// Columns and rows of the grid of virtual points.
@@ -42,15 +41,15 @@ const GRID: usize = 5;
 /// Layers of the grid, evenly spaced in inverse depth.
 const LAYERS: usize = 3;
 
-/// For each view, at most `count` source views, best first; `pinholes` are the undistorted cameras of
-/// the scene's views.
+/// For each view, at most `count` source views, best first. `pinholes` are the undistorted cameras of the scene's
+/// views.
 ///
-/// [`Scene::pairs`] are obeyed where there are any. Otherwise MVSNet's score over the tracks decides,
-/// and for views that saw fewer than ten points together with others, the same score over virtual
-/// points: pixels of a grid lifted to three depths of the view's [`depth_range::for_view`], of
-/// which those count that project into the other view's image, weighted by the cosine between the
-/// optical axes, because surfaces are seen from one side only. A view that has nothing in common, or
-/// stands at the same place, is not selected, so lists may be shorter than `count`, and empty.
+/// If the scene has [`Scene::pairs`], they are used. Otherwise sources are ranked by MVSNet's score over the tracks.
+/// A view that shares fewer than ten points with others is scored by virtual points instead: a grid of pixels,
+/// back-projected to three depths of the view's [`depth_range::for_view`]. Those that project into the other view's
+/// image count, weighted by the cosine of the angle between the optical axes, because surfaces are seen from one side
+/// only. A view that shares nothing, or is at the same place, is not selected, so lists may be shorter than `count`,
+/// and empty.
 #[must_use]
 pub fn select(scene: &Scene, pinholes: &[Pinhole], count: usize) -> Vec<Vec<Source>> {
     if let Some(pairs) = &scene.pairs {
@@ -71,15 +70,15 @@ pub fn select(scene: &Scene, pinholes: &[Pinhole], count: usize) -> Vec<Vec<Sour
         .collect()
 }
 
-/// Of a view's sources, best first, the indices of those that it is compared with, at most `most`: the first four, and
-/// the others that have at least 0.3 of the best score.
+/// The views, at most `most`, that a reference view is compared with, out of its `sources`, best first: the first
+/// four, and of the others those with at least 0.3 of the best score.
 pub fn compared(sources: &[Source], most: usize) -> impl Iterator<Item = usize> {
     let enough = WORTH * sources.iter().fold(0.0, |best, source| source.score.max(best));
     let is_worth = move |&(rank, source): &(usize, &Source)| rank < FEWEST_COMPARED || source.score >= enough;
     sources.iter().enumerate().filter(is_worth).map(|(_, source)| source.view).take(most)
 }
 
-/// For each view, the points that it and at least one other view saw.
+/// For each view, the indices of the points that it and at least one other view saw.
 fn shared_points(scene: &Scene) -> Vec<Vec<usize>> {
     let mut seen = vec![Vec::new(); scene.views.len()];
     for (index, point) in scene.points.iter().enumerate().filter(|(_, point)| point.views.len() > 1) {
@@ -90,7 +89,7 @@ fn shared_points(scene: &Scene) -> Vec<Vec<usize>> {
     seen
 }
 
-/// The score that a view's sources get from the points it saw.
+/// The score of a source view: a sum over points, and the number of points.
 #[derive(Clone, Copy, Default)]
 struct Score {
     sum: f64,
@@ -144,7 +143,7 @@ fn geometry_scores(
     (0..centres.len()).map(score).collect()
 }
 
-/// The views whose centres are nearest to a view's.
+/// The [`NEAR_VIEWS`] other views whose camera centres are nearest to a view's.
 fn nearest_views(centres: &[Vector3<f64>], view: usize) -> Vec<usize> {
     let distance = |&other: &usize| (centres[other] - centres[view]).norm_squared();
     let mut others: Vec<usize> = (0..centres.len()).filter(|&other| other != view).collect();
@@ -153,7 +152,7 @@ fn nearest_views(centres: &[Vector3<f64>], view: usize) -> Vec<usize> {
     others
 }
 
-/// The grid of points, in the world, that stands in for what a view saw.
+/// The grid of virtual points, in the world, that replaces the points that a view saw.
 fn virtual_points(view: &View, pinhole: &Pinhole, range: &DepthRange) -> Vec<Vector3<f64>> {
     let world_from_cam = view.cam_from_world.inverse();
     let share = |i: usize, count: usize| (i as f64 + 0.5) / count as f64;
@@ -170,8 +169,8 @@ fn virtual_points(view: &View, pinhole: &Pinhole, range: &DepthRange) -> Vec<Vec
     points
 }
 
-/// MVSNet's piecewise Gaussian of the angle between two rays from a point to the cameras: 1 at the best
-/// angle, less the wider or narrower it is.
+/// MVSNet's piecewise Gaussian of the triangulation angle, the angle between the rays `a` and `b` from a point to the
+/// two cameras: 1 at the best angle, smaller for narrower and wider ones.
 #[must_use]
 pub fn angle_score(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     let angle = a.cross(b).norm().atan2(a.dot(b)).to_degrees();
@@ -179,7 +178,7 @@ pub fn angle_score(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     (-0.5 * ((angle - BEST_ANGLE) / deviation).powi(2)).exp()
 }
 
-/// The views with the `count` highest scores, best first, ties by the lower index.
+/// The `count` views with the highest scores, best first; of equal ones the lower index comes first.
 fn best(scores: &[Score], count: usize) -> Vec<Source> {
     let counts = |&view: &usize| scores[view].sum > NEGLIGIBLE * scores[view].points as f64;
     let mut views: Vec<usize> = (0..scores.len()).filter(counts).collect();
@@ -207,7 +206,7 @@ mod tests {
         }
     }
 
-    /// Cameras on a circle of radius 10 around the origin at these angles, looking at its centre.
+    /// Cameras at these angles, degrees, on a circle of radius 10 around the origin, looking at its centre.
     fn ring(degrees: &[f64]) -> Scene {
         let eye = |d: f64| 10.0 * Vector3::new(d.to_radians().sin(), 0.0, -d.to_radians().cos());
         let views = degrees.iter().enumerate().map(|(id, &d)| view(id, eye(d), Vector3::zeros())).collect();

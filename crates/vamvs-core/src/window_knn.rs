@@ -1,29 +1,30 @@
 //! Nearest neighbours among the hypothesised points of nearby pixels.
 //!
-//! Section 3.3 looks for the neighbours of a point only in the window of pixels around its own: points
-//! near each other in space are almost surely near each other in the image. The search is exact within
-//! the window, which ends at the image's border.
+//! Section 3.3 looks for the neighbours of a point only among the points of a window of pixels around
+//! its own pixel: points near each other in space are almost always near each other in the image. The
+//! search is exact within the window, which is clipped at the image's border.
 
 use rayon::prelude::*;
 
-/// A search for the `k` nearest points in windows of an image.
+/// A search for the `k` nearest points within a window of pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WindowKnn {
     /// Number of neighbours, the point itself included.
     pub k: usize,
     /// The window has `2 · radius + 1` pixels in each row and column.
     pub radius: usize,
-    /// Distance between the window's pixels, pixels; at least 1.
+    /// Spacing of the window's pixels, pixels; at least 1.
     pub dilation: usize,
 }
 
 impl WindowKnn {
-    /// Writes the indices of each point's `k` nearest, nearest first and ties by the lower index.
+    /// Writes the indices of each point's `k` nearest neighbours, nearest first; of equally near ones
+    /// the lower index comes first.
     ///
-    /// Hypothesis `j` of pixel `(x, y)` is `points[(y * width + x) * hypotheses + j]`; its candidates
-    /// are all hypotheses of the window's pixels that are inside the image, itself included. With `P`
-    /// points, `out` is `(P, k)`, row-major. Should a window hold fewer than `k` points, those found
-    /// are repeated in order. Points that are not finite come last.
+    /// Hypothesis `j` of pixel `(x, y)` is `points[(y * width + x) * hypotheses + j]`. Its candidates
+    /// are all hypotheses, itself included, of the window's pixels that are inside the image. With `P`
+    /// points, `out` is `(P, k)`, row-major. If a window holds fewer than `k` points, the list of
+    /// those found is repeated. Points that are not finite come last.
     ///
     /// # Panics
     /// If `points` or `out` do not have that many elements, or the dilation is 0.
@@ -56,7 +57,7 @@ impl WindowKnn {
         );
     }
 
-    /// The window's coordinates along one axis of `count` pixels, without those outside.
+    /// The window's pixels along one axis of `count` pixels, without those outside of the image.
     fn coordinates(&self, centre: usize, count: usize) -> impl Iterator<Item = usize> {
         let before = self.radius.min(centre / self.dilation);
         let first = centre - before * self.dilation;
@@ -64,7 +65,7 @@ impl WindowKnn {
     }
 }
 
-/// All points by pixel.
+/// The points, addressed by pixel.
 struct Layout<'a> {
     points: &'a [[f32; 3]],
     width: usize,
@@ -84,20 +85,21 @@ impl Layout<'_> {
     }
 }
 
-/// Groups into which candidates are dealt to bound the distance of the k-th nearest.
+/// Number of groups into which the candidates are split to bound the distance of the k-th nearest.
 const LANES: usize = 16;
 
-/// The points of one window by increasing index, one array a coordinate, and room to search them.
+/// The points of one window by increasing index, one array per coordinate, with scratch memory for the
+/// search.
 #[derive(Default)]
 struct Candidates {
     index: Vec<i64>,
     x: Vec<f32>,
     y: Vec<f32>,
     z: Vec<f32>,
-    /// The bits of the squared distances, which for numbers ≥ 0 are ordered like the numbers; then
-    /// `i32::MAX`, up to a multiple of [`LANES`].
+    /// The bits of the squared distances (floats ≥ 0 are ordered like their bits), then `i32::MAX` up
+    /// to a multiple of [`LANES`].
     distance: Vec<i32>,
-    /// A distance in the upper half, the candidate's place in `index` in the lower.
+    /// Sort keys: a distance in the upper 32 bits, the candidate's position in `index` in the lower.
     keys: Vec<u64>,
 }
 
@@ -124,7 +126,7 @@ impl Candidates {
 
     /// Writes the indices of the candidates nearest to a point.
     ///
-    /// The few candidates within a bound that at least k of them keep are sorted, the others never.
+    /// Only the candidates within a bound that at least k of them satisfy are sorted.
     fn nearest(&mut self, point: &[f32; 3], out: &mut [i64]) {
         self.measure(point);
         let bound = self.bound(out.len());
@@ -141,14 +143,14 @@ impl Candidates {
         let coordinates = self.x.iter().zip(&self.y).zip(&self.z);
         for (distance, ((x, y), z)) in distance.iter_mut().zip(coordinates) {
             let (dx, dy, dz) = (x - px, y - py, z - pz);
-            // Without the sign, which a NaN may have, NaN comes after all numbers.
+            // The sign bit is cleared, since a NaN may have it; so NaN comes after all numbers.
             *distance = (dx * dx + dy * dy + dz * dz).abs().to_bits() as i32;
         }
         rest.fill(i32::MAX);
     }
 
-    /// A distance not exceeded by at least `k` candidates (all of them, if there are fewer): the
-    /// largest of the least distances of [`LANES`] disjoint groups.
+    /// A distance that at least `k` candidates do not exceed (all candidates, if there are fewer): the
+    /// largest of the minima of [`LANES`] disjoint groups.
     fn bound(&self, k: usize) -> i32 {
         if k > LANES {
             return i32::MAX;
@@ -162,8 +164,8 @@ impl Candidates {
         least.into_iter().fold(0, i32::max)
     }
 
-    /// Writes the keys of the candidates within a bound and returns their number. Free of branches:
-    /// a key is always written, and overwritten unless it counts.
+    /// Writes the keys of the candidates within a bound and returns their number. The loop has no
+    /// branch: each key is written, and the next one overwrites it unless it is within the bound.
     fn collect_keys(&mut self, bound: i32) -> usize {
         let mut within = 0;
         for (&distance, place) in self.distance[..self.index.len()].iter().zip(0_u64..) {
@@ -183,7 +185,7 @@ mod tests {
 
     use super::*;
 
-    /// By the definition: all points of the window, sorted by distance, then index.
+    /// The definition: all points of the window, sorted by distance, then index.
     fn brute_force(
         search: &WindowKnn,
         points: &[[f32; 3]],
@@ -310,7 +312,7 @@ mod tests {
             (k, radius, dilation) in (1_usize..40, 0_usize..4, 1_usize..5),
             coarse in proptest::collection::vec(proptest::array::uniform3(0_u8..7), 8 * 8 * 5),
         ) {
-            // Few distinct coordinates, so that ties abound, and some that are no numbers.
+            // Few distinct coordinates, so that there are many ties, and some NaN.
             let number = |v: u8| if v == 6 { -f32::NAN } else { f32::from(v) };
             let points: Vec<_> = coarse[..width * height * m].iter().map(|p| p.map(number)).collect();
             let search = WindowKnn { k, radius, dilation };

@@ -8,7 +8,7 @@ use vamvs_eval::{CloudDistances, thin};
 
 const POINTS: usize = 200_000;
 
-/// Points on a sphere of radius 100, 1 mm rough, on average 0.8 apart.
+/// Points on a sphere of radius 100 mm with a roughness of 1 mm, on average 0.8 mm apart.
 fn sphere(seed: u64) -> Vec<[f64; 3]> {
     let mut random = rand_pcg::Pcg64::seed_from_u64(seed);
     let point = |random: &mut rand_pcg::Pcg64| {

@@ -1,8 +1,8 @@
-//! Points sorted into cubic cells: those of a row of cells lie side by side in memory.
+//! Points sorted into cubic cells. The points of a row of cells along x are contiguous in memory.
 
 use rayon::prelude::*;
 
-/// A point's place in the order of cells.
+/// A point with its cell. Entries are ordered by cell, then point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Entry {
     /// The cell's numbers along z, y and x, so that cells along x follow each other.
@@ -11,10 +11,10 @@ pub(crate) struct Entry {
     pub(crate) point: u32,
 }
 
-/// Cells that are too small for the cloud.
+/// The cells are too small for the cloud: there would be too many of them.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "cells of {side} are too small for a cloud that is {extent} long: crop it, or remove what lies far off"
+    "cells of {side} are too small for a cloud that is {extent} long: crop it, or remove distant outliers"
 )]
 pub struct TooFine {
     /// The side of a cell, scene units.
@@ -23,12 +23,12 @@ pub struct TooFine {
     pub extent: f64,
 }
 
-/// Sorts points into cells of `side`, the first of which begins `margin` before the cloud along each axis;
-/// in a cell by index. Points must be finite.
+/// Sorts points into cells of `side`; within a cell, points are ordered by index. The first cell begins
+/// `margin` before the cloud's lower corner along each axis. Points must be finite.
 pub(crate) fn sorted(points: &[[f64; 3]], side: f64, margin: f64) -> Result<Vec<Entry>, TooFine> {
     let (low, high) = bounds(points);
     let extent = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
-    // One more cell on either side is looked at.
+    // Callers also address the next cell on either side.
     if (extent + margin) / side >= f64::from(i32::MAX - 2) {
         return Err(TooFine { side, extent });
     }
@@ -42,12 +42,12 @@ pub(crate) fn sorted(points: &[[f64; 3]], side: f64, margin: f64) -> Result<Vec<
     Ok(entries)
 }
 
-/// An index of a cloud's point in four bytes.
+/// A point's index as 32 bits.
 pub(crate) fn index(point: usize) -> u32 {
     u32::try_from(point).expect("a cloud has fewer than 2³² points")
 }
 
-/// The corners of the box around the points; the lower one is infinite if there are none.
+/// The lower and the upper corner of the points' bounding box; (∞, −∞) if there are no points.
 pub(crate) fn bounds(points: &[[f64; 3]]) -> ([f64; 3], [f64; 3]) {
     let none = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     points.iter().fold(none, |(low, high), x| {

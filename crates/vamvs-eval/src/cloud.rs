@@ -1,7 +1,7 @@
-//! How well a cloud agrees with points of the true surface, in both directions.
+//! Errors of a cloud against a ground-truth cloud, in both directions.
 //!
-//! Distances from the cloud to the ground truth tell its *accuracy*, those from the ground truth to the cloud its
-//! *completeness* (Seitz et al. 2006). Precision, recall and F-score at a threshold are those of Tanks and
+//! Distances from the cloud to the ground truth measure its *accuracy*, those from the ground truth to the cloud
+//! its *completeness* (Seitz et al. 2006). Precision, recall and F-score at a threshold are those of Tanks and
 //! Temples (Knapitsch et al. 2017, section 4).
 
 use serde::Serialize;
@@ -12,44 +12,45 @@ use crate::stats::Spread;
 /// The distances between a cloud and the ground truth, scene units.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CloudDistances {
-    /// From each point of the cloud to the nearest true one; infinite if there is none.
+    /// From each point of the cloud to the nearest ground-truth point; infinite if there is none.
     pub to_ground_truth: Vec<f64>,
-    /// From each true point to the nearest of the cloud; infinite if there is none.
+    /// From each ground-truth point to the nearest point of the cloud; infinite if there is none.
     pub to_cloud: Vec<f64>,
 }
 
-/// Agreement of a cloud with ground truth.
+/// Errors of a cloud against ground truth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CloudErrors {
     /// Distances from the cloud to the ground truth, scene units.
     pub accuracy: Spread,
     /// Distances from the ground truth to the cloud, scene units.
     pub completeness: Spread,
-    /// Agreement at each threshold.
+    /// Precision, recall and F-score at each threshold.
     pub agreement: Vec<Agreement>,
 }
 
-/// Agreement at a threshold.
+/// Precision, recall and F-score at a threshold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Agreement {
-    /// How near is near, scene units.
+    /// The threshold, scene units.
     pub threshold: f64,
-    /// The share of the cloud's points that are nearer than the threshold to a true point, 0 to 1.
+    /// The share of the cloud's points that are nearer than the threshold to a ground-truth point, 0 to 1.
     pub precision: f64,
-    /// The share of true points that are nearer than the threshold to a point of the cloud, 0 to 1.
+    /// The share of ground-truth points that are nearer than the threshold to a point of the cloud, 0 to 1.
     pub recall: f64,
-    /// The harmonic mean of both, 0 to 1.
+    /// The harmonic mean of precision and recall, 0 to 1.
     pub f_score: f64,
 }
 
-/// Compares the positions of a cloud with true points; both in the same world, in scene units, finite.
+/// Compares a cloud with a ground-truth cloud. Both must be finite and in the same frame; distances are in scene
+/// units.
 #[must_use]
 pub fn compare_clouds(cloud: &[[f64; 3]], ground_truth: &[[f64; 3]], thresholds: &[f64]) -> CloudErrors {
     CloudDistances::between(cloud, ground_truth).errors(thresholds)
 }
 
 impl CloudDistances {
-    /// The distances between the positions of a cloud and true points.
+    /// The distances between a cloud and a ground-truth cloud, both ways.
     #[must_use]
     pub fn between(cloud: &[[f64; 3]], ground_truth: &[[f64; 3]]) -> Self {
         Self {
@@ -58,7 +59,7 @@ impl CloudDistances {
         }
     }
 
-    /// What the distances come to.
+    /// The errors that the distances amount to.
     #[must_use]
     pub fn errors(&self, thresholds: &[f64]) -> CloudErrors {
         CloudErrors {
@@ -68,7 +69,7 @@ impl CloudDistances {
         }
     }
 
-    /// Agreement at one threshold; an empty cloud, or no ground truth, scores 0.
+    /// Precision, recall and F-score at one threshold; all are 0 for an empty cloud or empty ground truth.
     #[must_use]
     pub fn agreement(&self, threshold: f64) -> Agreement {
         let (precision, recall) =
@@ -111,9 +112,9 @@ mod tests {
         let agreement = errors.agreement[0];
         assert_eq!((agreement.precision, agreement.recall), (0.8, 0.25));
         assert!((agreement.f_score - 2.0 * 0.8 * 0.25 / 1.05).abs() < 1e-12);
-        // Rows 5 to 19 are 1 to 15 away from row 4.
+        // The cloud holds rows 0 to 4. Rows 5 to 19 are 1 to 15 away from row 4.
         assert!((errors.completeness.mean - 20.0 * 120.0 / 400.0).abs() < 1e-9);
-        // Rows 0 to 4 are at 0, each row beyond at a distance more: half of the rows are beyond row 9.
+        // Rows 0 to 4 have distance 0, each further row has one more: half of the rows are beyond row 9.
         assert_eq!(errors.completeness.median, 5.5);
     }
 

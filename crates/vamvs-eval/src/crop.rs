@@ -1,5 +1,5 @@
-//! A part of the world between two planes and inside a polygon: Open3D's `SelectionPolygonVolume`, by
-//! which Tanks and Temples cuts clouds.
+//! A part of the world between two planes and inside a polygon: Open3D's `SelectionPolygonVolume`, to
+//! which Tanks and Temples crops clouds.
 
 /// A prism along an axis of the world.
 #[derive(Clone, Debug, PartialEq)]
@@ -8,13 +8,14 @@ pub struct CropVolume {
     pub axis: usize,
     /// Where the prism begins and ends along its axis, both included.
     pub span: [f64; 2],
-    /// Its outline in the other two axes, in their order.
+    /// The polygon's corners in the other two axes, which keep their order.
     pub outline: Vec<[f64; 2]>,
 }
 
 impl CropVolume {
-    /// Whether a point is inside: an odd number of the outline's edges is beside it on the side of small
-    /// coordinates (as `SelectionPolygonVolume::CropInPolygon` decides, edge cases included).
+    /// Whether a point is inside: between the planes, and with an odd number of polygon edges in the
+    /// direction of smaller coordinates along the first of the other axes (as
+    /// `SelectionPolygonVolume::CropInPolygon` decides, borderline cases included).
     #[must_use]
     pub fn contains(&self, x_in_world: &[f64; 3]) -> bool {
         let along = x_in_world[self.axis];

@@ -1,107 +1,107 @@
-//! How well depth maps agree with true ones, over regions of pixels.
+//! Errors of depth maps against ground truth, over regions of pixels.
 //!
-//! [`DepthSamples`] collects the pixels of as many maps as wanted; what they come to is asked region by
-//! region. A depth map may be of another size than the ground truth: a [`PixelMap`] says which true pixel is under
-//! the centre of which pixel, and ground truth is never interpolated, since that would make depths at edges that
-//! no surface has.
+//! [`DepthSamples`] collects the pixels of any number of maps; [`DepthSamples::errors`] summarises a region of
+//! them. A depth map may differ in size from the ground truth: a [`PixelMap`] tells which pixel of the
+//! ground truth lies under the centre of a pixel of the depth map. Ground truth is never interpolated, because
+//! that would create depths between the two surfaces at an edge.
 
 use serde::Serialize;
 use vamvs_core::{Grid, Pinhole, Planes, Size, depth_map::is_valid};
 
 use crate::stats::Spread;
 
-/// How near is near.
+/// A limit of the error of a depth.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "unit", content = "error", rename_all = "kebab-case")]
 pub enum Threshold {
-    /// |depth − true|, scene units.
+    /// Limit of |depth − true depth|, scene units.
     Absolute(f64),
-    /// |depth − true| / true, as a share.
+    /// Limit of |depth − true depth| / true depth, as a share.
     Relative(f64),
-    /// The error in plane distances of the sweep.
+    /// Limit of the error in plane distances of the sweep.
     Planes(f64),
 }
 
-/// What one plane distance is.
+/// The unit of errors in plane distances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PlaneUnit {
     /// The planes of the sweep, uniform in depth or in inverse depth.
     Planes(Planes),
-    /// A depth, scene units.
+    /// A fixed difference of depth, scene units.
     Distance(f64),
 }
 
-/// A part of the pixels that have a true depth.
+/// A subset of the pixels with ground truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Region {
-    /// All of them.
+    /// All pixels with ground truth.
     All,
-    /// Those whose surface some source view does not see.
+    /// Those whose surface at least one source view does not see.
     Invisible,
     /// Those whose surface all source views see.
     Visible,
 }
 
-/// Errors over the pixels of a region that have a true depth.
+/// Errors over the pixels of a region that have ground truth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DepthErrors {
-    /// Pixels with a true depth.
+    /// Number of pixels with ground truth.
     pub true_pixels: usize,
-    /// The share of them that has a depth, 0 to 1.
+    /// The share of them that have an estimated depth, 0 to 1.
     pub coverage: f64,
-    /// |depth − true| over the pixels that have both, scene units.
+    /// |depth − true depth| over the pixels that have both, scene units.
     pub absolute: Spread,
-    /// |depth − true| / true over the pixels that have both.
+    /// |depth − true depth| / true depth over the pixels that have both.
     pub relative: Spread,
-    /// For each threshold, the share of the pixels that have both within it.
+    /// For each threshold, the share of the pixels with both depths whose error is at most the threshold.
     pub within: Vec<Within>,
 }
 
-/// How many pixels are within a threshold.
+/// The share of pixels within a threshold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Within {
     /// The threshold.
     #[serde(flatten)]
     pub threshold: Threshold,
-    /// The share of pixels with an error of at most that, 0 to 1; 0 if there are no pixels.
+    /// The share of pixels with an error of at most the threshold, 0 to 1; 0 if there are no pixels.
     pub share: f64,
 }
 
-/// Depth maps that cannot be compared.
+/// Two depth maps whose sizes do not allow a comparison.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "a depth map of {depth} pixels cannot be compared with a true one of {ground_truth}: they are not of the same shape; with cameras for both (cams/ beside depths/) any sizes can be compared"
+    "a depth map of {depth} pixels cannot be compared with a ground-truth map of {ground_truth} pixels: the aspect ratios differ; with cameras for both (cams/ beside depths/) maps of any sizes can be compared"
 )]
 pub struct SizeMismatch {
     /// Size of the depth map.
     pub depth: Size,
-    /// Size of the true one.
+    /// Size of the ground-truth map.
     pub ground_truth: Size,
 }
 
-/// Which pixel of the ground truth is at the centre of a pixel of a depth map.
+/// Maps the centre of a pixel of a depth map to the pixel of the ground truth under it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelMap {
     scale: [f64; 2],
     offset: [f64; 2],
 }
 
-/// A depth map and its ground truth.
+/// A depth map with its ground truth, for [`DepthSamples::add`].
 #[derive(Clone, Copy, Debug)]
 pub struct MapPair<'a> {
-    /// The depth map; depths that are not finite and positive count as none.
+    /// The depth map; values that are not finite and positive count as no depth.
     pub depth: &'a Grid<f32>,
     /// The ground truth, of the same size.
     pub ground_truth: &'a Grid<f32>,
-    /// For each pixel whether all source views see its surface, of the same size; `None` if not known, and
-    /// in pixels of which it is not known.
+    /// For each pixel, whether all source views see its surface, a grid of the same size; `None` for the grid, or
+    /// for a pixel, if that is not known.
     pub visible: Option<&'a Grid<Option<bool>>>,
-    /// What a plane distance is, if known.
+    /// The unit of [`Threshold::Planes`]; `None` if not known.
     pub plane: Option<PlaneUnit>,
 }
 
-/// Pixels with a true depth, and their errors.
+/// The errors of pixels with ground truth, one by one.
 #[derive(Clone, Debug, Default)]
 pub struct DepthSamples {
     samples: Vec<Sample>,
@@ -109,19 +109,19 @@ pub struct DepthSamples {
 
 #[derive(Clone, Copy, Debug)]
 struct Sample {
-    /// NaN without a depth.
+    /// In scene units. This and `relative` are NaN without an estimated depth.
     absolute: f32,
     relative: f32,
-    /// NaN if not known.
+    /// In plane distances; NaN without an estimated depth or a plane unit.
     planes: f32,
     visible: Option<bool>,
 }
 
 impl PixelMap {
-    /// Between images of sizes that show the same.
+    /// The map between two images of different sizes that show the same field of view.
     ///
     /// # Errors
-    /// If their shapes differ by more than the rounding of a side.
+    /// If the aspect ratios differ by more than one pixel of the depth map's height.
     pub fn between_sizes(depth: Size, ground_truth: Size) -> Result<Self, SizeMismatch> {
         let ratio = |depth: usize, ground_truth: usize| ground_truth as f64 / depth as f64;
         let scale = [ratio(depth.width, ground_truth.width), ratio(depth.height, ground_truth.height)];
@@ -132,7 +132,7 @@ impl PixelMap {
         Ok(Self { scale, offset: [0.0; 2] })
     }
 
-    /// Between images of two cameras that stand in the same place and look the same way.
+    /// The map between images of two cameras that have the same pose.
     #[must_use]
     pub fn between_cameras(depth: &Pinhole, ground_truth: &Pinhole) -> Self {
         let (from, to) = (&depth.intrinsics, &ground_truth.intrinsics);
@@ -140,7 +140,7 @@ impl PixelMap {
         Self { scale, offset: [to.cx - scale[0] * from.cx, to.cy - scale[1] * from.cy] }
     }
 
-    /// The values under the centres of the pixels of an image of `size`; the default beside the image.
+    /// The values of `image` under the pixel centres of an image of `size`; the type's default outside of `image`.
     #[must_use]
     pub fn sampled<T: Clone + Default>(&self, image: &Grid<T>, size: Size) -> Grid<T> {
         let place =
@@ -154,7 +154,7 @@ impl PixelMap {
 }
 
 impl PlaneUnit {
-    /// The error in plane distances.
+    /// The error of a depth, in plane distances.
     fn error(&self, depth: f64, ground_truth: f64) -> f64 {
         match self {
             Self::Planes(planes) => (planes.coordinate(depth) - planes.coordinate(ground_truth)).abs(),
@@ -164,7 +164,7 @@ impl PlaneUnit {
 }
 
 impl DepthSamples {
-    /// Adds the pixels of a depth map that have a true depth.
+    /// Adds the pixels of a depth map that have ground truth.
     ///
     /// # Errors
     /// If the sizes differ.
@@ -189,13 +189,13 @@ impl DepthSamples {
         self.samples.extend_from_slice(&other.samples);
     }
 
-    /// Whether visibility is known of any pixel.
+    /// Whether visibility is known for any pixel.
     #[must_use]
     pub fn know_visibility(&self) -> bool {
         self.samples.iter().any(|sample| sample.visible.is_some())
     }
 
-    /// What the pixels of a region come to.
+    /// The errors over the pixels of a region.
     #[must_use]
     pub fn errors(&self, region: Region, thresholds: &[Threshold]) -> DepthErrors {
         let wanted = |sample: &&Sample| match region {
@@ -219,8 +219,8 @@ impl DepthSamples {
 }
 
 impl DepthErrors {
-    /// The mean of errors of several scenes, each weighing the same; those without a true pixel are left out.
-    /// Counts are added. `None` if nothing is left; thresholds must be the same.
+    /// The mean of the errors of several scenes, with equal weights; scenes without ground truth are left out.
+    /// Counts are added. `None` if no scene is left. All must have the same thresholds.
     #[must_use]
     pub fn mean_of(scenes: &[&Self]) -> Option<Self> {
         let scenes: Vec<&Self> = scenes.iter().copied().filter(|scene| scene.true_pixels > 0).collect();
@@ -382,12 +382,12 @@ mod tests {
             half.sampled(&ground_truth, Size::new(4, 2)).data(),
             [11.0, 13.0, 15.0, 17.0, 31.0, 33.0, 35.0, 37.0]
         );
-        // A map of the part from pixel (2, 1) on, at half size, as cameras tell.
+        // A map of half the resolution of the part that begins at pixel (2, 1), given by its camera.
         let camera = |size, f, cx, cy| Pinhole { size, intrinsics: Intrinsics { fx: f, fy: f, cx, cy } };
         let (whole, part) =
             (camera(ground_truth.size(), 10.0, 4.0, 2.0), camera(Size::new(4, 1), 5.0, 1.0, 0.5));
         let sampled = PixelMap::between_cameras(&part, &whole).sampled(&ground_truth, Size::new(4, 1));
-        assert_eq!(sampled.data(), [23.0, 25.0, 27.0, 0.0], "the last pixel is beside the image");
+        assert_eq!(sampled.data(), [23.0, 25.0, 27.0, 0.0], "the last pixel is outside of the image");
     }
 
     #[test]

@@ -1,16 +1,16 @@
 //! DTU's protocol (Jensen et al. 2014, Aanæs et al. 2016), after the benchmark's MATLAB code.
 //!
-//! 1. The cloud is thinned so that no two points are within 0.2 mm (`reducePts_haa.m`, [`crate::thin()`]);
-//!    the reference scan comes thinned like this already.
-//! 2. Distances are taken from each point to the nearest of the other set (`MaxDistCP.m`). Points outside of
-//!    the blocks of 60 mm that cover the bounding box from its lower corner on get none.
-//! 3. *Accuracy* is over the cloud's points in the observability mask, *completeness* over the scan's points
-//!    strictly above the ground plane (`PointCompareMain.m`). Neither removes points from the set in which
-//!    neighbours are looked for.
+//! 1. The cloud is thinned so that no two points are within 0.2 mm (`reducePts_haa.m`, [`crate::thin()`]).
+//!    The reference scan is distributed already thinned like this.
+//! 2. The distance is taken from each point to the nearest point of the other set (`MaxDistCP.m`), except
+//!    for points outside of the blocks of 60 mm that cover the bounding box, beginning at its lower corner.
+//! 3. *Accuracy* is taken over the cloud's points in the observability mask, *completeness* over the scan's
+//!    points strictly above the ground plane (`PointCompareMain.m`). The points left out by these two
+//!    conditions still serve as nearest neighbours.
 //! 4. Mean and median are over the distances below 20 mm (`ComputeStat_web.m`). The *overall* score is the
 //!    mean of both directions (Yao et al. 2018).
 //!
-//! MATLAB's random order of thinning differs from run to run; ours is drawn from a seed.
+//! MATLAB draws another random order of thinning in each run; ours is drawn from a seed.
 
 use crate::VoxelMask;
 use serde::Serialize;
@@ -22,44 +22,45 @@ use crate::{TooFine, thin};
 /// The side of the blocks in which `MaxDistCP.m` looks for neighbours, mm.
 const BLOCK: f64 = 60.0;
 
-/// What a scan is measured by.
+/// The protocol for one scan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DtuProtocol {
-    /// Where the reference scan could see: `ObsMask`, `BB` and `Res` of `ObsMask{scan}_10.mat`.
+    /// The observability mask: `ObsMask`, `BB` and `Res` of `ObsMask{scan}_10.mat`.
     pub mask: VoxelMask,
     /// The ground plane, `P` of `Plane{scan}.mat`: points with `P · (x, y, z, 1) > 0` are above it.
     pub ground: [f64; 4],
-    /// Least distance between points of the cloud, mm; the benchmark's is 0.2. 0 leaves the cloud as it is.
+    /// Minimum distance between points of the thinned cloud, mm; the benchmark's is 0.2. 0 means no
+    /// thinning.
     pub spacing: f64,
-    /// Distances from here on are outliers, mm; the benchmark's is 20.
+    /// Distances of at least this are outliers, mm; the benchmark's limit is 20.
     pub max_distance: f64,
-    /// Of the order of thinning.
+    /// The seed of the random order of thinning.
     pub seed: u64,
 }
 
-/// A scan's measures, mm.
+/// The scores of one scan, mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct DtuScores {
-    /// Points of the cloud after thinning.
+    /// Number of points of the cloud after thinning.
     pub thinned: usize,
     /// Distances from the cloud to the scan.
     pub accuracy: Spread,
     /// Distances from the scan to the cloud.
     pub completeness: Spread,
-    /// The mean of both means.
+    /// The mean of the means of accuracy and completeness.
     pub overall: f64,
-    /// The mean of both medians.
+    /// The mean of the medians of accuracy and completeness.
     pub overall_median: f64,
 }
 
 impl DtuProtocol {
-    /// The benchmark's distances.
+    /// The protocol with the benchmark's distances.
     #[must_use]
     pub fn new(mask: VoxelMask, ground: [f64; 4]) -> Self {
         Self { mask, ground, spacing: 0.2, max_distance: 20.0, seed: 0 }
     }
 
-    /// Measures a cloud against the reference scan; both finite, in mm.
+    /// Evaluates a cloud against the reference scan. Both must be finite and in mm.
     ///
     /// # Errors
     /// If the cloud is too large to be thinned.
@@ -76,7 +77,8 @@ impl DtuProtocol {
         })
     }
 
-    /// The distances below the maximum from the points that `counts`.
+    /// The distances below the maximum, from the points of `from` that satisfy `counts` to the nearest
+    /// points of `to`.
     fn spread(&self, from: &[[f64; 3]], to: &[[f64; 3]], counts: impl Fn(&[f64; 3]) -> bool) -> Spread {
         let from: Vec<_> = from.iter().filter(|x| counts(x) && self.is_in_blocks(x)).copied().collect();
         let near = |distance: &f64| *distance < self.max_distance;

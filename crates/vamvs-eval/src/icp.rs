@@ -1,27 +1,27 @@
-//! Aligning a cloud with another by its nearest points (Besl & McKay 1992), with scale.
+//! Iterative closest point (Besl & McKay 1992) with scale: aligns a cloud with another.
 
 use nalgebra::Vector3;
 use vamvs_core::Similarity;
 
 use crate::nearest::{Nearest, Neighbours};
 
-/// A step after which neither the share of points with a partner nor, in units of the radius, the root mean
-/// square of their distances has changed by this is the last one.
+/// ICP stops when the share of points with a partner, and the root mean square of the partners' distances in
+/// units of the radius, change by less than this from step to step.
 const SETTLED: f64 = 1e-6;
 
-/// How to align.
+/// Settings of the alignment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Icp {
-    /// How far away a point's partner may be, target units.
+    /// Largest distance between a point and its partner, target units.
     pub radius: f64,
     /// Most steps.
     pub steps: usize,
 }
 
 impl Icp {
-    /// Improves `target_from_source`, step by step: points go to the target, take the nearest point there as
-    /// their partner, and the transform becomes the one that fits the pairs best. If no point has a partner,
-    /// or all partners are one point, the transform stays.
+    /// Refines `target_from_source` step by step. In a step, each transformed source point takes the nearest
+    /// target point as its partner, and the transform becomes the least-squares fit to these pairs. If no
+    /// point has a partner, or all partners are the same point, the transform stays as it is.
     #[must_use]
     pub fn refined(
         &self,
@@ -45,7 +45,7 @@ impl Icp {
         transform
     }
 
-    /// Points with their partners.
+    /// The source points that have a partner, with their partners.
     fn pairs(
         &self,
         source: &[[f64; 3]],

@@ -1,8 +1,9 @@
-//! Measures of depth maps and clouds against ground truth, as the field's benchmarks take them.
+//! Measures of depth maps and clouds against ground truth, as benchmarks define them.
 //!
-//! [`depth`] compares depth maps, [`cloud`] clouds; [`dtu`] and [`tnt`] are the protocols of two
-//! benchmarks, put together of [`thin`](mod@thin), [`voxel`] and [`icp`]. [`surface`] makes a true cloud of
-//! true depth maps, [`reliability`] asks whether confidence means what it says. This crate knows no file and makes no pictures; it counts.
+//! [`depth`] compares depth maps, [`cloud`] compares clouds. [`dtu`] and [`tnt`] are the protocols of two benchmarks,
+//! built from [`thin`](mod@thin), [`voxel`] and [`icp`]. [`surface`] makes a ground-truth cloud from ground-truth
+//! depth maps. [`reliability`] measures how well confidence is calibrated. This crate reads no files and draws no
+//! figures.
 
 mod cells;
 pub mod cloud;

@@ -1,25 +1,25 @@
-//! Nearest neighbours of many points in a cloud: exact, in parallel.
+//! Exact nearest neighbours of many points in a cloud, in parallel.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use crate::cells::{bounds, index};
 
-/// Bits of a coordinate in the order of space.
+/// Bits per coordinate of a Morton code.
 const BITS: u32 = 21;
 
-/// A cloud that is asked for the nearest of its points.
+/// A cloud indexed for nearest-neighbour queries.
 pub struct Neighbours {
-    /// `None` of no points.
+    /// `None` if the cloud has no points.
     tree: Option<ImmutableKdTree<f64, 3>>,
 }
 
 /// The nearest point of a cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nearest {
-    /// How far away it is; infinite if the cloud has no points.
+    /// Its distance, scene units; infinite if the cloud has no points.
     pub distance: f64,
-    /// Its index.
+    /// Its index in the cloud; 0 if the cloud has no points.
     pub point: u32,
 }
 
@@ -31,10 +31,11 @@ impl Neighbours {
         Self { tree: (!points.is_empty()).then(build) }
     }
 
-    /// The nearest point of each of `queries`, finite points; in their order.
+    /// The nearest point of each of `queries`, in their order. The queries must be finite.
     ///
-    /// They are asked for in the order of space, several times faster than in any other: what one needs of
-    /// the tree, the one before has brought into the processor's cache.
+    /// The tree is searched in the queries' Morton order, which is several times faster than any other
+    /// order: each search finds the nodes it needs in the processor's cache, where the one before has left
+    /// them.
     #[must_use]
     pub fn nearest(&self, queries: &[[f64; 3]]) -> Vec<Nearest> {
         let Some(tree) = &self.tree else {
@@ -52,20 +53,20 @@ impl Neighbours {
         nearest
     }
 
-    /// The distance from each of `queries` to its nearest point.
+    /// The distance from each of `queries` to its nearest point; infinite if the cloud has no points.
     #[must_use]
     pub fn distances(&self, queries: &[[f64; 3]]) -> Vec<f64> {
         self.nearest(queries).into_iter().map(|nearest| nearest.distance).collect()
     }
 }
 
-/// The distance from each point of `from` to the nearest of `to`; infinite if `to` is empty.
+/// The distance from each point of `from` to the nearest point of `to`; infinite if `to` is empty.
 #[must_use]
 pub fn nearest_distances(from: &[[f64; 3]], to: &[[f64; 3]]) -> Vec<f64> {
     Neighbours::new(to).distances(from)
 }
 
-/// Indices of points along a Z curve through the box around them.
+/// Indices of the points in Morton order (along a Z curve) in their bounding box.
 fn order_in_space(points: &[[f64; 3]]) -> Vec<u32> {
     let (low, high) = bounds(points);
     let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(f64::MIN_POSITIVE, f64::max);
@@ -80,7 +81,7 @@ fn order_in_space(points: &[[f64; 3]]) -> Vec<u32> {
     places.into_iter().map(|(_, point)| point).collect()
 }
 
-/// The lowest 21 bits with two empty bits between each.
+/// The lowest 21 bits, with two zero bits between neighbouring ones.
 fn spread(bits: u64) -> u64 {
     let mut bits = bits;
     for (shift, mask) in [

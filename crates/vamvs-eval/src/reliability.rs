@@ -1,4 +1,4 @@
-//! Whether confidence means what it says: of pixels with a confidence of 0.8, 80 % should be right.
+//! Calibration of confidence: of the pixels with a confidence of 0.8, 80 % should be right.
 
 use serde::Serialize;
 use vamvs_core::{Grid, depth_map::is_valid};
@@ -6,31 +6,31 @@ use vamvs_core::{Grid, depth_map::is_valid};
 /// A depth is right if its error is at most this, as a share of the true depth.
 pub const RIGHT_WITHIN: f64 = 0.01;
 
-/// Bins of confidence, of equal width.
+/// Number of bins of confidence, of equal width.
 pub const BINS: usize = 20;
 
-/// How often pixels of each confidence are right.
+/// How many pixels of each confidence are right.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Reliability {
-    /// By confidence, from 0 to 1.
+    /// The bins, by increasing confidence from 0 to 1.
     pub bins: Vec<Bin>,
 }
 
 /// Pixels of about the same confidence.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Bin {
-    /// How many.
+    /// Number of pixels.
     pub pixels: usize,
-    /// How many of them are right.
+    /// Number of them that are right.
     pub right: usize,
     /// The sum of their confidences.
     pub confidence: f64,
 }
 
-/// Of the pixels of at least a confidence.
+/// What remains with a minimum confidence.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct AboveConfidence {
-    /// The least confidence.
+    /// The minimum confidence.
     pub confidence: f64,
     /// The share of all pixels that have it.
     pub share: f64,
@@ -44,8 +44,8 @@ impl Default for Reliability {
     }
 }
 
-/// The confidence of each pixel that has a true depth and a depth, and whether that depth is right, to
-/// [`RIGHT_WITHIN`].
+/// For each pixel with an estimated and a true depth, its confidence and whether the depth is right, to
+/// [`RIGHT_WITHIN`]. Pixels without a finite confidence are left out.
 pub fn outcomes<'a>(
     depth: &'a Grid<f32>,
     confidence: &'a Grid<f32>,
@@ -71,14 +71,14 @@ impl Reliability {
         bin.confidence += f64::from(confidence);
     }
 
-    /// The confidence and the share of right pixels of each bin that has any.
+    /// The mean confidence and the share of right pixels, for each bin that is not empty.
     #[must_use]
     pub fn curve(&self) -> Vec<[f64; 2]> {
         let bins = self.bins.iter().filter(|bin| bin.pixels > 0);
         bins.map(|bin| [bin.confidence, bin.right as f64].map(|sum| sum / bin.pixels as f64)).collect()
     }
 
-    /// Adds the pixels of another.
+    /// Adds the pixels of another [`Reliability`].
     pub fn append(&mut self, other: &Self) {
         for (bin, other) in self.bins.iter_mut().zip(&other.bins) {
             bin.pixels += other.pixels;
@@ -93,15 +93,15 @@ impl Reliability {
         self.bins.iter().map(|bin| bin.pixels).sum()
     }
 
-    /// The mean difference between confidence and share of right pixels, weighted by pixels (the expected
-    /// calibration error); NaN without pixels.
+    /// The expected calibration error: the mean over pixels of the difference, in their bin, between mean
+    /// confidence and share of right pixels; NaN without pixels.
     #[must_use]
     pub fn error(&self) -> f64 {
         let off = self.bins.iter().map(|bin| (bin.confidence - bin.right as f64).abs());
         off.sum::<f64>() / self.pixels() as f64
     }
 
-    /// What a least confidence keeps, for each lower end of a bin.
+    /// The pixels that remain with a minimum confidence, for the lower end of each bin.
     #[must_use]
     pub fn above_confidences(&self) -> Vec<AboveConfidence> {
         let all = self.pixels() as f64;

@@ -2,19 +2,19 @@
 
 use serde::Serialize;
 
-/// Where values lie.
+/// Number, mean and median of values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
     /// How many there are.
     pub count: usize,
     /// Their mean; NaN if there are none.
     pub mean: f64,
-    /// Their median, of an even number the mean of the middle two; NaN if there are none.
+    /// Their median (the mean of the middle two, if their number is even); NaN if there are none.
     pub median: f64,
 }
 
 impl Spread {
-    /// The spread of values in any order.
+    /// The spread of values, which may be in any order.
     #[must_use]
     pub fn of(mut values: Vec<f64>) -> Self {
         let mean = values.iter().sum::<f64>() / values.len() as f64;

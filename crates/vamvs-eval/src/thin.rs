@@ -1,9 +1,9 @@
-//! Thinning a cloud to a least distance between points, as DTU's benchmark does.
+//! Thinning a cloud to a minimum distance between points, as DTU's benchmark does.
 //!
 //! `reducePts_haa.m` visits the points in random order; a point that is still there removes all others
-//! within the distance. What remains is decided by the order alone: a point stays if and only if no
-//! earlier one within the distance stays. That is what is computed here, in rounds over all points in the
-//! order of space, in parallel (Blelloch, Fineman & Shun 2012: few rounds are needed).
+//! within the distance. So the result depends on the order alone: a point stays if and only if no earlier
+//! point within the distance stays. This is computed in parallel, in rounds over all points, sorted by
+//! cells of space; few rounds are needed (Blelloch, Fineman & Shun 2012).
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
@@ -15,20 +15,20 @@ use rayon::prelude::*;
 
 use crate::cells::{self, TooFine};
 
-/// Points of a piece of work.
+/// Number of points that a task handles in a round.
 const CHUNK: usize = 1 << 14;
 
-/// What is decided of a point.
+/// The decision about a point.
 const OPEN: u8 = 0;
 const KEPT: u8 = 1;
 const REMOVED: u8 = 2;
 
-/// The points that remain, in their order, so that none is within `distance` of another (at exactly that
-/// distance counts as within). Points are visited in the random order that `seed` gives; the result
-/// depends on nothing else.
+/// The points that remain, in their original order. No two of them are within `distance` of each other (a
+/// distance of exactly that counts as within). Points are visited in a random order drawn from `seed`; the
+/// result depends on nothing else.
 ///
 /// # Errors
-/// If the cloud is too large for the distance.
+/// If the distance is too small for the cloud's extent.
 pub fn thin(points: &[[f64; 3]], distance: f64, seed: u64) -> Result<Vec<[f64; 3]>, TooFine> {
     let sites = sites(points, distance, seed)?;
     let decisions = decisions(&sites, distance * distance);
@@ -42,12 +42,12 @@ pub fn thin(points: &[[f64; 3]], distance: f64, seed: u64) -> Result<Vec<[f64; 3
     Ok(kept.into_iter().map(|point| points[point as usize]).collect())
 }
 
-/// A point among its neighbours in space.
+/// A point with its cell and rank.
 struct Site {
     x: [f64; 3],
-    /// The cell's numbers along z, y, x; cells are as large as the distance.
+    /// The cell's numbers along z, y, x; the side of a cell is the distance.
     cell: [i32; 3],
-    /// When the point is visited.
+    /// The point's position in the order of visits.
     rank: u32,
     point: u32,
 }
@@ -65,7 +65,7 @@ fn sites(points: &[[f64; 3]], distance: f64, seed: u64) -> Result<Vec<Site>, Too
     Ok(entries.par_iter().map(site).collect())
 }
 
-/// Decides all points. A decision, once made, holds, so pieces may see each other's work of the same round.
+/// Decides all points. Decisions are final, so tasks may see decisions that others make in the same round.
 fn decisions(sites: &[Site], squared_distance: f64) -> Vec<AtomicU8> {
     let decisions: Vec<AtomicU8> = sites.iter().map(|_| AtomicU8::new(OPEN)).collect();
     let chunks: Vec<Range<usize>> =
@@ -75,7 +75,8 @@ fn decisions(sites: &[Site], squared_distance: f64) -> Vec<AtomicU8> {
     decisions
 }
 
-/// A walk over the sites, with a finger in each of the nine rows of cells around.
+/// A walk over the sites in order. For each of the nine rows of cells around a site, it remembers where the
+/// previous site's neighbours began (a finger).
 struct Sweep<'a> {
     sites: &'a [Site],
     decisions: &'a [AtomicU8],
@@ -88,7 +89,7 @@ impl<'a> Sweep<'a> {
         Self { sites, decisions, squared_distance, fingers: [0; 9] }
     }
 
-    /// Decides what can be decided in a range of sites; returns how many stay open.
+    /// Decides what can be decided in a range of sites; returns how many remain open.
     fn decide(&mut self, range: Range<usize>) -> usize {
         let mut open = 0;
         for at in range {
@@ -119,7 +120,7 @@ impl<'a> Sweep<'a> {
         decision
     }
 
-    /// The sites of the three cells around a cell in one of the nine rows.
+    /// The sites in the three cells, along x, around a cell in one of the nine rows.
     fn row(&mut self, row: usize, [z, y, x]: [i32; 3]) -> impl Iterator<Item = usize> + use<'a> {
         let (z, y) = (z + row as i32 / 3 - 1, y + row as i32 % 3 - 1);
         let first = gallop(self.sites, self.fingers[row], |site| site.cell < [z, y, x - 1]);
@@ -129,8 +130,8 @@ impl<'a> Sweep<'a> {
     }
 }
 
-/// The first place from `start` on where `before` no longer holds: found in steps that double, since it is
-/// mostly near.
+/// The first position from `start` on where `before` no longer holds. The search takes steps of doubling
+/// length, since the position is usually near.
 fn gallop(sites: &[Site], start: usize, before: impl Fn(&Site) -> bool) -> usize {
     let (mut low, mut step) = (start, 1);
     while low + step <= sites.len() && before(&sites[low + step - 1]) {
@@ -150,7 +151,7 @@ mod tests {
     use super::*;
     use crate::nearest::tests::scattered;
 
-    /// `reducePts_haa.m`, line by line.
+    /// `reducePts_haa.m`, one point after the other.
     fn one_by_one(points: &[[f64; 3]], distance: f64, seed: u64) -> Vec<[f64; 3]> {
         let mut order: Vec<usize> = (0..points.len()).collect();
         order.shuffle(&mut Pcg64::seed_from_u64(seed));
@@ -171,7 +172,7 @@ mod tests {
         let points = scattered(4000, 5);
         for distance in [0.01, 0.05, 0.2, 2.0] {
             let thinned = thin(&points, distance, 7).unwrap();
-            // The order of visits is drawn for 32-bit indices; drawing does not depend on their type.
+            // `thin` shuffles 32-bit indices; the order does not depend on the indices' type.
             assert_eq!(thinned, one_by_one(&points, distance, 7), "distance {distance}");
         }
     }

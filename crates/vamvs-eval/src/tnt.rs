@@ -1,12 +1,12 @@
 //! The protocol of Tanks and Temples (Knapitsch et al. 2017, section 4), after the benchmark's toolbox
 //! (`python_toolbox/evaluation`).
 //!
-//! 1. The cloud is brought into the frame of the ground truth by a given alignment, which the toolbox finds
-//!    from camera positions, and which [`TntProtocol::refined`] improves on the clouds themselves (`run.py`).
-//! 2. Cloud and ground truth are cut by the scene's volume and thinned to the means of voxels of τ / 2
+//! 1. The cloud is brought into the frame of the ground truth by a given alignment, which the toolbox finds from
+//!    camera positions. [`TntProtocol::refined`] refines it by ICP between the two clouds (`run.py`).
+//! 2. Cloud and ground truth are cropped to the scene's volume and thinned to the means of voxels of τ / 2
 //!    (`EvaluateHisto`).
-//! 3. *Precision* is the share of the cloud's points nearer than τ to the ground truth, *recall* that of the ground truth's
-//!    points nearer than τ to the cloud.
+//! 3. *Precision* is the share of the cloud's points that are nearer than τ to the ground truth, *recall* the share
+//!    of the ground truth's points that are nearer than τ to the cloud.
 
 use serde::Serialize;
 use vamvs_core::Similarity;
@@ -17,31 +17,31 @@ use crate::cloud::{Agreement, CloudDistances};
 use crate::icp::{Icp, transformed};
 use crate::{TooFine, voxel_means};
 
-/// Points above which the last refinement takes every so many-th only (`MAX_POINT_NUMBER`).
+/// Number of points to which the last refinement subsamples larger clouds, approximately (`MAX_POINT_NUMBER`).
 const MANY: usize = 4_000_000;
 
-/// Most steps of a refinement. The toolbox asks for 20, but hands the number to Open3D in the place of a limit
-/// of errors, so that Open3D's own 30 hold, and that it ends as soon as the share of points with a partner
-/// settles; ours goes on until their distances settle too.
+/// Most steps of one ICP refinement. The toolbox passes its limit of 20 as Open3D's error criterion instead of the
+/// number of steps. So Open3D's default of 30 steps applies, and the toolbox stops as soon as the share of points
+/// with a partner settles. We go on until the distances to the partners settle, too.
 const STEPS: usize = 30;
 
-/// What a scene is measured by.
+/// The protocol for one scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TntProtocol {
     /// The scene's threshold τ, units of the ground truth.
     pub tau: f64,
-    /// The part of the ground truth's frame that counts; `None` for all.
+    /// The volume, in the frame of the ground truth, that is evaluated; `None` for all.
     pub crop: Option<CropVolume>,
-    /// The alignment.
+    /// The alignment of the cloud with the ground truth.
     pub ground_truth_from_cloud: Similarity,
 }
 
-/// A scene's measures.
+/// The scores of one scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TntScores {
-    /// Points of the cloud after cutting and thinning.
+    /// Number of points of the cloud after cropping and thinning.
     pub cloud_points: usize,
-    /// Points of the ground truth after cutting and thinning.
+    /// Number of points of the ground truth after cropping and thinning.
     pub ground_truth_points: usize,
     /// Precision, recall and F-score at τ.
     #[serde(flatten)]
@@ -51,7 +51,8 @@ pub struct TntScores {
 }
 
 impl TntProtocol {
-    /// The protocol with its alignment improved on the clouds in the toolbox's three steps, coarse to fine.
+    /// The protocol with its alignment refined by ICP between cloud and ground truth, in the toolbox's three steps
+    /// from coarse to fine.
     ///
     /// # Errors
     /// If a cloud is too large to be thinned.
@@ -68,7 +69,7 @@ impl TntProtocol {
         Ok(self)
     }
 
-    /// Measures a cloud against the ground truth; both finite.
+    /// Evaluates a cloud against the ground truth. All points must be finite.
     ///
     /// # Errors
     /// If a cloud is too large to be thinned.
@@ -91,14 +92,15 @@ impl TntProtocol {
         cloud
     }
 
-    /// `source` is in the ground truth's frame already, by the alignment so far.
+    /// Refines the alignment. `source` is already in the frame of the ground truth, by the alignment so far; `radius`
+    /// is the largest distance of a pair.
     fn align(&mut self, source: &[[f64; 3]], target: &[[f64; 3]], radius: f64) {
         let better = Icp { radius, steps: STEPS }.refined(source, target, &Similarity::identity());
         self.ground_truth_from_cloud = better.compose(&self.ground_truth_from_cloud);
     }
 }
 
-/// At most about so many points as [`MANY`], evenly from the whole.
+/// Every k-th point of the cloud, with k chosen so that about [`MANY`] remain.
 fn some(cloud: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
     let step = (cloud.len() as f64 / MANY as f64).round().max(1.0) as usize;
     cloud.into_iter().step_by(step).collect()

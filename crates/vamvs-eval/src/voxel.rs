@@ -1,14 +1,15 @@
-//! Thinning a cloud to one point a voxel, as Open3D does for Tanks and Temples.
+//! Thinning a cloud to one point per voxel, as Open3D does for Tanks and Temples.
 
 use rayon::prelude::*;
 
 use crate::cells::{self, Entry, TooFine};
 
-/// The means of the points in each voxel of `side`; voxels begin half a side before the cloud
-/// (`PointCloud::VoxelDownSample`). They come in the order of the voxels.
+/// The mean of the points in each occupied voxel of `side`, ordered by voxel (z, then y, then x).
+/// As in Open3D's `PointCloud::VoxelDownSample`, the voxel grid begins half a side before the
+/// cloud's lower corner.
 ///
 /// # Errors
-/// If the cloud spans too many voxels.
+/// If the voxels are too small for the cloud's extent.
 pub fn voxel_means(points: &[[f64; 3]], side: f64) -> Result<Vec<[f64; 3]>, TooFine> {
     let entries = cells::sorted(points, side, 0.5 * side)?;
     let mean = |run: &[Entry]| {

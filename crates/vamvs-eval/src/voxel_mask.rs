@@ -1,23 +1,24 @@
-//! The part of the world in which a reference scan could see: DTU's observability mask.
+//! The part of the world that a reference scan could observe: DTU's observability mask.
 
-/// A volume of voxels inside a bounding box, each in the mask or not.
+/// A grid of voxels in a bounding box, each in the mask or not.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VoxelMask {
     /// The bounding box's lower corner; the centre of voxel (0, 0, 0).
     pub low: [f64; 3],
-    /// Its upper corner.
+    /// The bounding box's upper corner.
     pub high: [f64; 3],
     /// Side of a voxel, scene units.
     pub side: f64,
     /// Number of voxels along x, y, z.
     pub size: [usize; 3],
-    /// Whether voxel (i, j, k) is in the mask, at `i + size[0] · (j + size[1] · k)`: MATLAB's order.
+    /// Whether voxel (i, j, k) is in the mask, at index `i + size[0] · (j + size[1] · k)`: MATLAB's
+    /// column-major order.
     pub inside: Vec<bool>,
 }
 
 impl VoxelMask {
-    /// Whether a point's nearest voxel is in the mask (`PointCompareMain.m`: `round((x − low) / side + 1)`
-    /// as an index that counts from 1).
+    /// Whether the voxel nearest to a point is in the mask (`PointCompareMain.m`:
+    /// `round((x − low) / side + 1)` as an index that counts from 1). Points outside of the grid are not.
     #[must_use]
     pub fn contains(&self, x_in_world: &[f64; 3]) -> bool {
         let voxel = |axis: usize| {

@@ -1,4 +1,4 @@
-//! The benchmarks' protocols on made clouds whose measures are known by hand.
+//! The benchmarks' protocols on synthetic clouds whose scores are known.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -9,7 +9,7 @@ use vamvs_eval::icp::transformed;
 use vamvs_eval::tnt::TntProtocol;
 use vamvs_eval::{CropVolume, VoxelMask};
 
-/// A level square of points, `step` apart, from the origin on.
+/// A horizontal square of `side` × `side` points, `step` apart, that begins at the origin.
 fn square(side: u32, step: f64, z: f64) -> Vec<[f64; 3]> {
     (0..side * side).map(|i| [f64::from(i % side) * step, f64::from(i / side) * step, z]).collect()
 }
@@ -33,7 +33,7 @@ const NO_GROUND: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 fn dtu_a_shifted_cloud_is_off_by_the_shift_however_densely_it_is_sampled() {
     let scan = square(21, 1.0, 0.0);
     let protocol = DtuProtocol::new(whole(21), NO_GROUND);
-    // Each point comes ten times, within 0.09 mm above: thinning leaves one of each ten.
+    // Ten copies of each point, at heights from 0.50 to 0.59 mm: thinning leaves one of ten.
     let cloud: Vec<_> = (0..10).flat_map(|copy| square(21, 1.0, 0.5 + 0.01 * f64::from(copy))).collect();
     let scores = protocol.scores(&cloud, &scan).unwrap();
     assert_eq!((scores.thinned, scores.accuracy.count, scores.completeness.count), (441, 441, 441));
@@ -62,7 +62,7 @@ fn dtu_distances_of_twenty_and_more_do_not_count() {
 fn dtu_the_mask_limits_accuracy_only_and_the_ground_completeness_only() {
     let scan = [square(21, 1.0, 0.0), square(21, 1.0, -5.0)].concat();
     let mut mask = whole(21);
-    // Voxels with x ≥ 10 are out.
+    // Voxels with x ≥ 10 are not in the mask.
     let rows = mask.size[0];
     mask.inside.iter_mut().enumerate().for_each(|(index, inside)| *inside = index % rows < 11);
     let cloud: Vec<_> =
@@ -71,7 +71,8 @@ fn dtu_the_mask_limits_accuracy_only_and_the_ground_completeness_only() {
     let scores = DtuProtocol::new(mask.clone(), ground).scores(&cloud, &scan).unwrap();
     // Ten of 21 columns are in the mask, all of them exact.
     assert_eq!((scores.accuracy.count, scores.accuracy.mean), (210, 0.0));
-    // The upper square is above the ground; points that the mask leaves out are still neighbours.
+    // Only the upper square is above the ground; points outside of the mask still serve as
+    // neighbours.
     assert_eq!(scores.completeness.count, 441);
     assert!((scores.completeness.mean - 11.0 / 21.0).abs() < 1e-12);
     let on_the_ground = DtuProtocol::new(mask, [0.0, 0.0, 1.0, 0.0]).scores(&cloud, &scan).unwrap();
@@ -80,7 +81,7 @@ fn dtu_the_mask_limits_accuracy_only_and_the_ground_completeness_only() {
 
 #[test]
 fn dtu_points_beyond_the_blocks_of_the_box_have_no_distance() {
-    // The box is 22 mm long: one block of 60 mm from −1 on covers it.
+    // The box is 22 mm long, so one block of 60 mm, from −1 to 59, covers it.
     let scan = [vec![[58.9, 0.0, 0.0], [59.0, 0.0, 0.0], [-1.1, 0.0, 0.0]], square(21, 1.0, 0.0)].concat();
     let cloud = [vec![[59.0, 0.0, 0.0], [-1.1, 0.0, 0.0]], square(21, 1.0, 0.0)].concat();
     let scores = DtuProtocol::new(whole(21), NO_GROUND).scores(&cloud, &scan).unwrap();
@@ -102,9 +103,10 @@ fn tnt(tau: f64) -> TntProtocol {
 
 #[test]
 fn tnt_precision_and_recall_count_voxels_in_the_volume() {
-    // Points are 1 apart and voxels 0.25 wide: each point is a voxel.
+    // Points are 1 apart and voxels 0.25 wide, so each point has a voxel of its own.
     let ground_truth = square(20, 1.0, 0.0);
-    // A quarter of the surface is missing; as many outliers are 3 above, of which half are outside.
+    // A quarter of the surface is missing. As many outliers are added above it, half of them
+    // outside of the volume.
     let mut cloud: Vec<_> = ground_truth.iter().copied().filter(|x| x[1] < 14.5).collect();
     cloud.extend(square(10, 1.0, 3.0).iter().map(|x| [x[0], x[1], if x[1] < 4.5 { 3.0 } else { 9.0 }]));
     let outline = vec![[-0.5, -0.5], [19.5, -0.5], [19.5, 19.5], [-0.5, 19.5]];

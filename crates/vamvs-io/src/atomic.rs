@@ -1,8 +1,9 @@
-//! The only writer of files: into a temporary file beside the target, renamed when complete.
+//! Writes files atomically: into a temporary file in the target's folder, which is renamed once it is
+//! complete. All files of vamvs are written through this module.
 //!
-//! Whatever goes wrong (a folder that cannot be written, a full disk, an error of the caller), the
-//! temporary file is removed and a former file of the same name is untouched. A killed process may
-//! leave a file named `.vamvs-*`, never a half-written target.
+//! If anything goes wrong (a folder that cannot be written, a full disk, an error of the caller), the
+//! temporary file is removed and an existing file of the target's name is untouched. A killed process may
+//! leave a file named `.vamvs-*`, but never a half-written target.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -14,24 +15,25 @@ use tempfile::NamedTempFile;
 
 use crate::IoError;
 
-/// The temporary files of this process. Files are begun and completed under its lock.
+/// The paths of this process's unfinished temporary files. Files are created and renamed while this lock is
+/// held.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// How the temporary files' names begin.
+/// The prefix of temporary files' names.
 pub const PREFIX: &str = ".vamvs-";
 
-/// Writes the file `path` with what `fill` writes.
+/// Writes the file `path`; `fill` writes its content.
 ///
 /// # Errors
-/// If the folder cannot be written, the disk is full or `fill` fails: then nothing has changed.
+/// If the folder cannot be written, the disk is full or `fill` fails; then nothing has changed.
 pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), IoError> {
     let mut file = AtomicFile::create(path)?;
     fill(&mut file).map_err(IoError::system("write", path))?;
     file.commit()
 }
 
-/// Ends all writing, for a process that is about to exit: unfinished files are removed, and none is begun
-/// or completed any more. Threads that try wait for ever.
+/// Ends all writing, for a process that is about to exit: removes the unfinished files and prevents that
+/// any more are created or completed. A thread that tries, or that drops an [`AtomicFile`], blocks for ever.
 pub fn end() {
     let unfinished = unfinished();
     unfinished.iter().for_each(|path| drop(fs::remove_file(path)));
@@ -42,7 +44,7 @@ fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A file that comes into being when it is committed, and not at all when it is dropped.
+/// A file that appears under its name when it is committed. If it is dropped before, nothing remains of it.
 #[derive(Debug)]
 pub struct AtomicFile {
     path: PathBuf,
@@ -50,7 +52,7 @@ pub struct AtomicFile {
     listed: Listed,
 }
 
-/// A temporary file's place in the list of unfinished ones.
+/// A temporary file's entry in [`UNFINISHED`], removed on drop.
 #[derive(Debug)]
 struct Listed(PathBuf);
 
@@ -79,10 +81,10 @@ impl AtomicFile {
         &self.path
     }
 
-    /// Gives the complete file its name.
+    /// Renames the complete temporary file to its final name.
     ///
     /// # Errors
-    /// If the last bytes cannot be written or the file cannot be renamed.
+    /// If the last bytes cannot be written or the file cannot be renamed; then nothing has changed.
     pub fn commit(self) -> Result<(), IoError> {
         let Self { path, temporary, listed } = self;
         let rename = |file: NamedTempFile| {
@@ -115,7 +117,7 @@ impl Seek for AtomicFile {
     }
 }
 
-/// A temporary file in the folder of `path`, with the permissions of a plainly created file.
+/// A temporary file in the folder of `path`, with the permissions of an ordinary new file.
 fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let mut builder = tempfile::Builder::new();

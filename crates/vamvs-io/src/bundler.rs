@@ -1,8 +1,8 @@
 //! Bundler's `bundle.out` v0.3 with its list of images.
 //!
-//! A camera is `f k1 k2`, R and t: a point of its frame, which has x to the right, y up and looks along
-//! −z, is seen at p = −(x, y)/z, bent to (1 + k₁|p|² + k₂|p|⁴) p, in pixels from the image's centre. The
-//! list names the images in the order of the cameras, one a line.
+//! A camera is `f k1 k2`, R and t, camera from world. Its frame has x to the right and y up; it looks along
+//! −z. With p = −(x, y)/z, a point of that frame is seen f (1 + k₁|p|² + k₂|p|⁴) p pixels from the image's
+//! centre, y up. The list names the images in the order of the cameras, one per line.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,15 +16,15 @@ use crate::sizes::stored_sizes;
 use crate::text::{TextReader, WordReader};
 use crate::{IoError, Loaded, Place};
 
-/// Reads the scene of the file `bundle`; cameras of focal length 0 were not registered and are left out.
+/// Reads the scene of the file `bundle`. Cameras with focal length 0 were not registered and are left out.
 ///
-/// The list of images is the first that exists of `NAME.list.txt` (for `NAME.bundle.out` and `NAME.out`)
-/// and `list.txt`, beside the file or in the folder above. Photographs are found in `images`, or relative
-/// to the list.
+/// The list of images is `NAME.list.txt` (for `NAME.bundle.out` or `NAME.out`) or else `list.txt`. It is
+/// looked up first in the file's folder, then in the folder above. Photographs are looked up in `images` or,
+/// without it, relative to the list.
 ///
 /// # Errors
-/// If a file cannot be read or is malformed, there is no list or one of another length, or photographs
-/// are missing.
+/// If a file cannot be read or is malformed, there is no list of images or it has another length than the
+/// list of cameras, or photographs are missing.
 pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let list = list_of(bundle)?;
     let named = read_list(&list)?;
@@ -33,7 +33,7 @@ pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoErro
     let kept: Vec<(String, BundleCamera)> =
         named.into_iter().zip(cameras).filter_map(|(name, camera)| Some((name, camera?))).collect();
     if kept.is_empty() {
-        let problem = "expected registered cameras, found none of a focal length other than 0";
+        let problem = "expected registered cameras, found none with a focal length other than 0";
         return Err(IoError::malformed(bundle, Place::Whole, problem));
     }
     let names: Vec<String> = kept.iter().map(|(name, _)| name.clone()).collect();
@@ -49,7 +49,7 @@ pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoErro
     Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
 }
 
-/// The file's content; cameras that were not registered are `None`.
+/// The file's content. Cameras that were not registered are `None`; the points' views count them too.
 struct Bundle {
     cameras: Vec<Option<BundleCamera>>,
     points: Vec<SparsePoint>,
@@ -62,7 +62,7 @@ struct BundleCamera {
 }
 
 impl BundleCamera {
-    /// The principal point is the image's centre.
+    /// The view, with the principal point at the image's centre.
     fn view(&self, name: &str, size: Size) -> View {
         let Size { width, height } = size;
         let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
@@ -89,7 +89,7 @@ fn list_of(bundle: &Path) -> Result<PathBuf, IoError> {
     })
 }
 
-/// The names of a list; a line may go on with Bundler's `0 focal`.
+/// The image names of a list. A name may be followed by `0 FOCAL`, as Bundler writes it.
 fn read_list(path: &Path) -> Result<Vec<String>, IoError> {
     let text = fs::read_to_string(path).map_err(IoError::system("read", path))?;
     let name = |line: &str| {
@@ -136,7 +136,7 @@ fn read_camera(words: &mut WordReader) -> Result<Option<BundleCamera>, IoError> 
     Ok(Some(BundleCamera { focal, k: [k1, k2], cam_from_world }))
 }
 
-/// A point with the cameras that saw it, by their places in the file.
+/// A point. Its `views` are the indices of the cameras in the file.
 fn read_point(words: &mut WordReader, cameras: usize) -> Result<SparsePoint, IoError> {
     let position: [f64; 3] = words.numbers("position")?;
     words.numbers::<3>("colour")?;
@@ -157,7 +157,7 @@ fn read_point(words: &mut WordReader, cameras: usize) -> Result<SparsePoint, IoE
     Ok(SparsePoint { x_in_world: position.into(), views })
 }
 
-/// For each camera of the file, its place among the registered ones.
+/// For each camera of the file, its index among the registered ones.
 fn registered_places(cameras: &[Option<BundleCamera>]) -> Vec<Option<usize>> {
     let mut next = 0;
     let place = |camera: &Option<BundleCamera>| {

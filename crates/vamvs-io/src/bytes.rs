@@ -1,4 +1,5 @@
-//! Reading of binary files, little-endian, with a position for error messages and a known end.
+//! A reader of little-endian binary files. It checks every read against the file's length and knows its
+//! position, for error messages.
 
 use std::fmt::Display;
 use std::fs::File;
@@ -7,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use crate::{IoError, Place};
 
-/// Longest name accepted, in bytes.
+/// Longest accepted name, in bytes, with the zero byte that ends it.
 const LONGEST_NAME: u64 = 4096;
 
 /// A buffered binary file.
@@ -19,7 +20,6 @@ pub(crate) struct ByteReader {
 }
 
 impl ByteReader {
-    /// Opens `path`.
     pub(crate) fn open(path: &Path) -> Result<Self, IoError> {
         let file = File::open(path).map_err(IoError::system("open", path))?;
         let length = file.metadata().map_err(IoError::system("inspect", path))?.len();
@@ -55,7 +55,7 @@ impl ByteReader {
         Ok(bytes)
     }
 
-    /// Leaves out the next `count` bytes, which hold `what`.
+    /// Skips the next `count` bytes, which hold `what`.
     pub(crate) fn skip(&mut self, count: u64, what: &str) -> Result<(), IoError> {
         self.expect_remaining(count, what)?;
         self.inner.seek_relative(count as i64).map_err(IoError::system("read", &self.path))?;
@@ -87,7 +87,7 @@ impl ByteReader {
         Ok(values)
     }
 
-    /// The `count` numbers that make up the rest of the file.
+    /// The rest of the file, which must be exactly `count` float32 numbers.
     pub(crate) fn rest_as_f32s(&mut self, count: usize, what: &str) -> Result<Vec<f32>, IoError> {
         let found = self.length - self.position;
         if (count as u64).checked_mul(4) != Some(found) {
@@ -100,8 +100,8 @@ impl ByteReader {
         Ok(bytes.as_chunks::<4>().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect())
     }
 
-    /// The number of entries that follow, each of at least `entry_bytes`: at most as many as fit in
-    /// what remains of the file.
+    /// Reads the number (u64) of entries that follow. Fails if that many entries of at least `entry_bytes` bytes
+    /// each do not fit in the rest of the file.
     pub(crate) fn count(&mut self, entry_bytes: u64, what: &str) -> Result<usize, IoError> {
         let position = self.position;
         let count = self.u64(what)?;
@@ -110,7 +110,7 @@ impl ByteReader {
             Ok(entries) if count <= most => Ok(entries),
             _ => Err(self.malformed(
                 position,
-                format!("{what}: {count} are announced, the rest of the file holds {most} at most"),
+                format!("{what}: {count} are announced, but the rest of the file holds at most {most}"),
             )),
         }
     }
@@ -123,7 +123,7 @@ impl ByteReader {
         limited.read_until(0, &mut bytes).map_err(IoError::system("read", &self.path))?;
         self.position += bytes.len() as u64;
         if bytes.pop() != Some(0) {
-            return Err(self.malformed(position, format!("{what}: no zero byte ends it")));
+            return Err(self.malformed(position, format!("{what}: found no zero byte at its end")));
         }
         String::from_utf8(bytes).map_err(|error| {
             let found = String::from_utf8_lossy(error.as_bytes()).into_owned();

@@ -1,5 +1,5 @@
-//! Depth maps by extension: `.pfm`, 16-bit grey `.png` with a step given, and, written only, `.exr` and
-//! `.npy`.
+//! Depth maps, with the format chosen by the extension. `.pfm` and 16-bit grey `.png` are read and written,
+//! `.exr` and `.npy` only written.
 
 use std::path::Path;
 
@@ -8,13 +8,13 @@ use vamvs_core::{Grid, Size, depth_map};
 
 use crate::{IoError, Place, exr, image, npy, pfm};
 
-/// Largest value of a PNG that is a depth; 65535 and 0 both mean none.
+/// Largest PNG value that is a depth. 0 and 65535 both mean "no depth".
 const LARGEST: u16 = u16::MAX - 1;
 
-/// Reads a depth map; pixels without a depth are 0.
+/// Reads a depth map in scene units; pixels without a depth are 0.
 ///
-/// `png_step` is the depth, in scene units, of one step of a 16-bit PNG (0.001 for millimetres in a
-/// scene of metres); PFM files do not need it.
+/// `png_step` is the depth, in scene units, of one step of a 16-bit PNG (0.001 if the PNG is in
+/// millimetres and the scene in metres). PFM files do not use it.
 ///
 /// # Errors
 /// If the file cannot be read, or is neither PFM nor a 16-bit grey PNG.
@@ -23,18 +23,18 @@ pub fn read(path: &Path, png_step: f64) -> Result<Grid<f32>, IoError> {
         Format::Pfm => pfm::read_depth(path),
         Format::Png => read_png(path, png_step),
         Format::Exr | Format::Npy => {
-            let problem = "expected a depth map in a format that is read, .pfm or .png";
+            let problem = "expected a depth map in a format that can be read: .pfm or .png";
             Err(IoError::unsupported(path, Place::Whole, problem))
         }
     }
 }
 
-/// Writes a depth map.
+/// Writes a depth map in scene units.
 ///
-/// `png_step` is the depth, in scene units, of one step of a 16-bit PNG; the other formats do not need it.
+/// `png_step` is the depth, in scene units, of one step of a 16-bit PNG. The other formats do not use it.
 ///
 /// # Errors
-/// If the file cannot be written, or a depth does not fit 16 bits; then nothing has changed.
+/// If the file cannot be written, or a depth of a PNG is not 1 to 65534 steps; then nothing has changed.
 pub fn write(path: &Path, depth: &Grid<f32>, png_step: f64) -> Result<(), IoError> {
     match Format::of(path)? {
         Format::Pfm => pfm::write(path, depth),
@@ -44,13 +44,13 @@ pub fn write(path: &Path, depth: &Grid<f32>, png_step: f64) -> Result<(), IoErro
     }
 }
 
-/// A step of a 16-bit PNG in which `farthest` fits: the least 1, 2 or 5 times a power of ten.
+/// The smallest step of a 16-bit PNG, 1, 2 or 5 times a power of ten, with which the depth `farthest` fits.
 #[must_use]
 pub fn fitting_png_step(farthest: f64) -> f64 {
     let least = farthest / f64::from(LARGEST);
     let exponent = least.log10().floor() as i32;
     let steps = [1.0, 2.0, 5.0, 10.0].map(|digit| {
-        // One over an exact power is the number that people write: 0.001, not 10⁻³ by multiplication.
+        // A division by an exact power of ten rounds to the literal 0.001; a product with 10⁻³ may not.
         if exponent < 0 { digit / 10f64.powi(-exponent) } else { digit * 10f64.powi(exponent) }
     });
     steps.into_iter().find(|&step| step >= least).unwrap_or(steps[3])

@@ -1,4 +1,5 @@
-//! What DTU's benchmark measures a scan by: `ObsMask{scan}_10.mat` and `Plane{scan}.mat`.
+//! The files by which DTU's benchmark selects the points of a scan that it evaluates: the observability mask
+//! `ObsMask{scan}_10.mat` and the ground plane `Plane{scan}.mat`.
 
 use std::path::Path;
 
@@ -8,22 +9,23 @@ use crate::{IoError, Place};
 /// An observability mask: the voxels of a bounding box that the reference scan could see.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mask {
-    /// The bounding box's lower corner; the centre of voxel (0, 0, 0).
+    /// The bounding box's lower corner in the world, scene units: the centre of voxel (0, 0, 0).
     pub low: [f64; 3],
-    /// Its upper corner.
+    /// The bounding box's upper corner in the world, scene units.
     pub high: [f64; 3],
-    /// Side of a voxel, scene units.
+    /// Side of a voxel in scene units.
     pub side: f64,
     /// Number of voxels along x, y, z.
     pub size: [usize; 3],
-    /// Whether voxel (i, j, k) is in the mask, at `i + size[0] · (j + size[1] · k)`: MATLAB's order.
+    /// Whether voxel (i, j, k) is in the mask, at index `i + size[0] · (j + size[1] · k)` (MATLAB's order).
     pub inside: Vec<bool>,
 }
 
 /// Reads an observability mask: `ObsMask`, the bounding box `BB` (2×3) and the side of a voxel `Res`.
 ///
 /// # Errors
-/// If the file cannot be read, an array is missing or has another shape, or a number makes no sense.
+/// If the file cannot be read, an array is missing or has another shape, the box is empty, or the side is not
+/// positive.
 pub fn read_mask(path: &Path) -> Result<Mask, IoError> {
     let [mask, corners, side] = mat::read(path, ["ObsMask", "BB", "Res"])?;
     let corners = of_shape(path, "BB", &corners, &[2, 3])?;
@@ -44,7 +46,7 @@ pub fn read_mask(path: &Path) -> Result<Mask, IoError> {
     Ok(Mask { low, high, side, size: [x, y, z], inside })
 }
 
-/// Reads a ground plane: `P`, four numbers of which P · (x, y, z, 1) is positive above the ground.
+/// Reads a ground plane: `P`, four numbers. P · (x, y, z, 1) is positive for points above the ground.
 ///
 /// # Errors
 /// If the file cannot be read, or `P` is missing or has another shape.

@@ -1,4 +1,5 @@
-//! What can go wrong with a file: always which one, where in it, what was expected and what was found.
+//! The errors of reading and writing files. Each names the file, the place in it, what was expected and what
+//! was found.
 
 use std::fmt;
 use std::io;
@@ -29,7 +30,7 @@ pub enum IoError {
         /// The entity, what was expected and what was found.
         problem: String,
     },
-    /// The content is valid but beyond what is supported.
+    /// The content is valid but not supported.
     #[error("{}{place}: {problem}", path.display())]
     Unsupported {
         /// The file.
@@ -39,7 +40,7 @@ pub enum IoError {
         /// What is not supported, and what to do.
         problem: String,
     },
-    /// A picture could not be decoded.
+    /// An image could not be decoded.
     #[error("cannot decode the image {}", path.display())]
     Image {
         /// The file.
@@ -47,7 +48,7 @@ pub enum IoError {
         /// The decoder's reason.
         source: ::image::ImageError,
     },
-    /// A picture belongs to another camera.
+    /// An image has neither the size nor the aspect ratio of its camera, or a mask those of its photograph.
     #[error(
         "{}: the image is {image} pixels, its {of} {expected}; the sizes must agree, or at least their aspect ratios",
         path.display()
@@ -55,11 +56,11 @@ pub enum IoError {
     SizeMismatch {
         /// The file.
         path: PathBuf,
-        /// Its size.
+        /// The image's size in pixels.
         image: Size,
-        /// What it was compared with: "camera" or "photograph".
+        /// What the image was compared with: "camera" or "photograph".
         of: &'static str,
-        /// The size of that.
+        /// The size of the camera or photograph.
         expected: Size,
     },
     /// Photographs that the scene's files name are not in the image folder.
@@ -70,9 +71,9 @@ pub enum IoError {
     MissingImages {
         /// The image folder.
         folder: PathBuf,
-        /// How many are missing.
+        /// How many images are missing.
         count: usize,
-        /// The names of the first few.
+        /// The names of the first few missing images.
         first: Vec<String>,
     },
 }
@@ -84,7 +85,7 @@ pub enum Place {
     Whole,
     /// A line, counted from 1.
     Line(usize),
-    /// A byte, counted from 0.
+    /// A byte offset, counted from 0.
     Byte(u64),
 }
 
@@ -99,17 +100,17 @@ impl fmt::Display for Place {
 }
 
 impl IoError {
-    /// A closure for `map_err` that says what was tried on which file.
+    /// A closure for `map_err`: the error that `action`, a verb, failed on `path`.
     pub(crate) fn system(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::System { action, path: path.to_owned(), source }
     }
 
-    /// A problem with the content of `path`.
+    /// An error about malformed content of `path`.
     pub(crate) fn malformed(path: &Path, place: Place, problem: impl fmt::Display) -> Self {
         Self::Malformed { path: path.to_owned(), place, problem: problem.to_string() }
     }
 
-    /// A valid content of `path` that is not supported.
+    /// An error about valid content of `path` that is not supported.
     pub(crate) fn unsupported(path: &Path, place: Place, problem: impl fmt::Display) -> Self {
         Self::Unsupported { path: path.to_owned(), place, problem: problem.to_string() }
     }

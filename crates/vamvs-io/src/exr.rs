@@ -1,4 +1,5 @@
-//! OpenEXR: one channel `Z` of 32-bit floats, as renderers name depth, losslessly compressed.
+//! OpenEXR depth maps: one channel of 32-bit floats, losslessly compressed. It is named `Z`, as renderers name
+//! depth.
 
 use std::io::{self, Cursor};
 use std::path::Path;
@@ -10,7 +11,10 @@ use vamvs_core::Grid;
 
 use crate::{IoError, atomic};
 
-/// Writes a map of one channel.
+/// Writes a map as the channel `Z`.
+///
+/// # Errors
+/// If the map cannot be encoded or the file cannot be written; then nothing has changed.
 pub(crate) fn write(path: &Path, grid: &Grid<f32>) -> Result<(), IoError> {
     let samples = FlatSamples::F32(grid.data().to_vec());
     let channels = AnyChannels::sort([AnyChannel::new("Z", samples)].into_iter().collect());

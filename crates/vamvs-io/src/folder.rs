@@ -1,4 +1,4 @@
-//! What lies in an image folder, and whether it is what a scene's files name.
+//! Lists the images of a folder and compares them with those that a scene's files name.
 
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
@@ -10,13 +10,13 @@ use crate::IoError;
 /// Extensions of the formats that [`crate::image`] decodes, in lower case.
 pub(crate) const EXTENSIONS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
 
-/// How many missing images a message names.
+/// How many missing images an error message names.
 const NAMED: usize = 5;
 
 /// The names of all images in `folder` and its subfolders, relative to it, with `/` between folders.
 ///
 /// Symbolic links to files are followed, those to folders are not. Files whose names are not UTF-8
-/// are left out: no scene can name them.
+/// are left out, because no scene can name them.
 pub(crate) fn images(folder: &Path) -> Result<BTreeSet<String>, IoError> {
     let mut names = BTreeSet::new();
     collect(folder, "", &mut names)?;
@@ -42,13 +42,13 @@ fn is_image(path: &Path) -> bool {
     extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str()))
 }
 
-/// An error that names the first few of `names` that are no files of `folder`, if there are any.
+/// Fails if any of `names` is not a file in `folder`; the error names the first few of them.
 pub(crate) fn require<'a>(folder: &Path, names: impl Iterator<Item = &'a str>) -> Result<(), IoError> {
     let missing: Vec<&str> = names.filter(|name| !folder.join(name).is_file()).collect();
     missing_images(folder, &missing)
 }
 
-/// An error that names the first few of the `missing` images, if there are any.
+/// Fails if there are `missing` images; the error names the first few of them.
 pub(crate) fn missing_images(folder: &Path, missing: &[&str]) -> Result<(), IoError> {
     if missing.is_empty() {
         return Ok(());
@@ -57,7 +57,7 @@ pub(crate) fn missing_images(folder: &Path, missing: &[&str]) -> Result<(), IoEr
     Err(IoError::MissingImages { folder: folder.to_owned(), count: missing.len(), first })
 }
 
-/// A warning about the images of `found` that are not among the scene's, if there are any.
+/// A warning about the images in `found` that the scene does not use, if there are any.
 pub(crate) fn warn_of_unused<'a>(
     found: &BTreeSet<String>,
     used: impl Iterator<Item = &'a str>,

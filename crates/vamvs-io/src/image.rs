@@ -1,9 +1,10 @@
-//! Photographs: decoding with EXIF orientation and alpha, fitting to their cameras, resizing, saving.
+//! Decodes photographs with EXIF orientation and alpha, matches them with their cameras, resizes and saves
+//! images.
 //!
 //! **EXIF orientation.** A camera model was calibrated either on the pixels as stored (COLMAP, which
-//! ignores the orientation tag) or on an upright copy. The camera's size tells: if the stored size is
-//! the camera's, the pixels are used as stored; if only the rotated size is, they are rotated. With
-//! equal sizes (no rotation, a half turn, a square) they are used as stored.
+//! ignores the orientation tag) or on an upright copy. The camera's size decides: if the stored size is
+//! the camera's, the pixels are used as stored; if only the rotated size is, they are rotated. Where both
+//! sizes are equal (no rotation, a half turn, a square image), the pixels are used as stored.
 
 use std::fs::{self, File};
 use std::io::{self, BufReader, Cursor, Write};
@@ -21,25 +22,25 @@ use vamvs_core::{Camera, Grid, Rgb, Size};
 
 use crate::{IoError, Place, atomic, jpeg};
 
-/// Largest decoded image and largest file, in bytes (357 million pixels of 8-bit RGB).
+/// Limit, in bytes, of a decoded image and of an image file (358 million pixels of 8-bit RGB).
 const MAX_BYTES: u64 = 1 << 30;
 
-/// Largest relative difference of aspect ratios at which an image still is its camera's.
+/// Largest relative difference between the aspect ratios of an image and its camera that is accepted.
 const ASPECT_TOLERANCE: f64 = 0.01;
 
-/// Alpha from which on a pixel counts.
+/// Smallest alpha at which a pixel is used.
 const OPAQUE: u8 = 128;
 
 /// A decoded photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedImage {
-    /// The colours; grey is repeated, 16 bits are reduced to 8, alpha is dropped.
+    /// The colours. Grey is repeated in all three channels, 16 bits are reduced to 8, alpha is dropped.
     pub rgb: Grid<Rgb>,
-    /// Pixels that are at least half opaque; `None` if all are.
+    /// Which pixels are at least half opaque; `None` if all are.
     pub alpha_mask: Option<Grid<bool>>,
     /// Whether the EXIF orientation was applied.
     pub exif_rotated: bool,
-    /// What a user should know about how the image was fitted to its camera.
+    /// A note for the user if the camera was resized to the image.
     pub note: Option<String>,
 }
 
@@ -62,11 +63,12 @@ pub fn load_rgb(path: &Path) -> Result<Grid<Rgb>, IoError> {
 
 /// Decodes the image of `camera` and returns it with the camera at the image's size.
 ///
-/// The EXIF orientation is applied if only so the sizes agree. An image of another size with the
-/// same aspect ratio (within 1 %) is taken as it is, the camera resized, and a note says so.
+/// The EXIF orientation is applied if the image agrees with the camera only then (see the module's text). An
+/// image of another size with the same aspect ratio (within 1 %) keeps its size; the camera is resized, and
+/// a note says so.
 ///
 /// # Errors
-/// As [`load`], and if neither the size nor the aspect ratio is the camera's.
+/// As [`load`], and if the image has neither the size nor the aspect ratio of the camera.
 pub fn load_for_camera(path: &Path, camera: &Camera) -> Result<(LoadedImage, Camera), IoError> {
     let (mut image, orientation) = decode(path)?;
     let stored = size_of(&image);
@@ -83,8 +85,8 @@ pub fn load_for_camera(path: &Path, camera: &Camera) -> Result<(LoadedImage, Cam
     Ok((loaded, camera.resized(size)))
 }
 
-/// The stored or, by its orientation, the upright size of an image: the one that is the camera's, or
-/// else the one that has the camera's aspect ratio.
+/// The stored or the upright size of an image (upright by its EXIF orientation): the one that equals the
+/// camera's size, or else the one that has the camera's aspect ratio; the stored one if both do.
 fn fitting_size(stored: Size, orientation: Orientation, camera: Size) -> Option<Size> {
     let sideways = turns_sideways(orientation);
     let upright = if sideways { Size::new(stored.height, stored.width) } else { stored };
@@ -96,10 +98,10 @@ fn resized_note(path: &Path, image: Size, camera: Size) -> String {
     format!("{}: the image is {image}, its camera {camera}; the camera was resized", path.display())
 }
 
-/// The size of an image as stored, from its header.
+/// The size of an image as stored, in pixels, read from its header.
 ///
 /// # Errors
-/// If the file cannot be read or is no image of a known format.
+/// If the file cannot be read, is not an image of a known format, or has no pixels.
 pub fn stored_size(path: &Path) -> Result<Size, IoError> {
     let open = || File::open(path).map(BufReader::new).map_err(IoError::system("open", path));
     let read = IoError::system("read", path);
@@ -120,7 +122,8 @@ fn require_pixels(path: &Path, size: Size) -> Result<Size, IoError> {
     Err(IoError::malformed(path, Place::Whole, format!("expected an image with pixels, found {size}")))
 }
 
-/// The image enlarged or, without aliasing, reduced to `size` by cubic (Catmull-Rom) interpolation.
+/// The image resized to `size` by cubic (Catmull-Rom) interpolation, with a low-pass filter where it is
+/// reduced.
 #[must_use]
 pub fn resize(image: &Grid<Rgb>, size: Size) -> Grid<Rgb> {
     let [width, height, to_width, to_height] =
@@ -191,7 +194,7 @@ fn encode_png(out: impl Write, bytes: &[u8], size: Size, color: ExtendedColorTyp
         .map_err(io::Error::other)
 }
 
-/// Decodes a file by its content, whatever its name says.
+/// Decodes a file by the format of its content; the extension is ignored.
 pub(crate) fn decode(path: &Path) -> Result<(DynamicImage, Orientation), IoError> {
     let bytes = read_limited(path)?;
     let format = ::image::guess_format(&bytes).map_err(refused(path))?;
@@ -252,7 +255,8 @@ fn turns_sideways(orientation: Orientation) -> bool {
     matches!(orientation, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH)
 }
 
-/// Whether two sizes are those of the same image at different resolutions.
+/// Whether two sizes may be those of one image at different resolutions: their aspect ratios differ by at
+/// most 1 %.
 pub(crate) fn aspect_agrees(a: Size, b: Size) -> bool {
     let ratio = (a.width * b.height) as f64 / (a.height * b.width) as f64;
     (ratio - 1.0).abs() <= ASPECT_TOLERANCE

@@ -1,8 +1,8 @@
-//! The marker structure of JPEG files: their size without decoding, and whether they are complete.
+//! Reads the marker structure of JPEG files: their size, without decoding, and whether they are complete.
 //!
-//! The decoder fills the missing part of a truncated file with grey and reports nothing; a depth map of
-//! such an image would be wrong. Damage within the pixels of a complete file cannot be detected: the format
-//! has no checksum, and almost any bits decode to some image.
+//! The check is needed because the decoder fills the missing part of a truncated file with grey and reports
+//! no error; a depth map of such an image would be wrong. Damage within the pixels of a complete file cannot
+//! be detected: the format has no checksum, and almost any bits decode to some image.
 
 use std::io::{self, BufRead, Cursor, Read, Seek, SeekFrom};
 
@@ -12,7 +12,7 @@ const START_OF_IMAGE: u8 = 0xD8;
 const END_OF_IMAGE: u8 = 0xD9;
 const START_OF_SCAN: u8 = 0xDA;
 
-/// The image's size as its frame header tells; `None` if there is no such header before the pixels.
+/// The image's size in its frame header; `None` if there is no such header before the pixels.
 pub(crate) fn size(file: &mut (impl BufRead + Seek)) -> io::Result<Option<Size>> {
     if next_marker(file)? != START_OF_IMAGE {
         return Ok(None);
@@ -20,7 +20,7 @@ pub(crate) fn size(file: &mut (impl BufRead + Seek)) -> io::Result<Option<Size>>
     loop {
         match next_marker(file)? {
             START_OF_SCAN | END_OF_IMAGE => return Ok(None),
-            // Start of frame: C0 to CF without the tables DHT, JPG and DAC.
+            // Start of frame: C0 to CF, except DHT (C4), JPG (C8) and DAC (CC).
             0xC0..=0xC3 | 0xC5..=0xC7 | 0xC9..=0xCB | 0xCD..=0xCF => {
                 let [_, _, _, h1, h0, w1, w0] = read(file)?;
                 let side = |high, low| usize::from(u16::from_be_bytes([high, low]));
@@ -31,7 +31,7 @@ pub(crate) fn size(file: &mut (impl BufRead + Seek)) -> io::Result<Option<Size>>
     }
 }
 
-/// Whether the file's segments and scans go on to an end-of-image marker.
+/// Whether the file's segments and scans are followed by an end-of-image marker.
 pub(crate) fn is_complete(bytes: &[u8]) -> bool {
     let mut file = Cursor::new(bytes);
     let walk = |file: &mut Cursor<&[u8]>| -> io::Result<()> {

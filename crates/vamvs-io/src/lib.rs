@@ -1,9 +1,9 @@
 //! The file formats of vamvs: photographs, depth maps, clouds, masks and camera models.
 //!
-//! Readers stream, check every count against the file's size before they allocate, and answer
+//! Readers check every count against the file's size before they allocate. They answer malformed or
 //! hostile input with an [`IoError`] that names the file, the place, what was expected and what was
-//! found. Writers go through [`atomic`], so that no half-written file is ever seen. Nothing here
-//! computes geometry: pixels and cameras are handed on as `vamvs_core` types.
+//! found. Writers go through [`atomic`], so that no half-written file is ever seen. Pixels, cameras and
+//! clouds are handed on as `vamvs_core` types, in the conventions of this project.
 
 pub mod atomic;
 pub mod bundler;
@@ -47,8 +47,8 @@ pub struct Loaded {
     pub scene: Scene,
     /// The folder that the views' names are relative to.
     pub images: PathBuf,
-    /// The masks that the scene's files tell.
+    /// The masks that the scene's files name.
     pub masks: Masks,
-    /// What a user should know about how the files were read, one sentence each.
+    /// Warnings for the user about how the files were read, one sentence each.
     pub warnings: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! The photographs that a scene's file names by paths: where they are, and the folder they have in common.
+//! Finds the photographs that a scene's file names by path, and the folder that contains them all.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -12,14 +12,15 @@ use crate::{IoError, Place, folder};
 pub(crate) struct Located {
     /// The folder that the names are relative to.
     pub(crate) folder: PathBuf,
-    /// For each photograph its path in the folder, with `/` between folders.
+    /// The path of each photograph relative to the folder, with `/` between folders.
     pub(crate) names: Vec<String>,
 }
 
 /// Finds the photographs that the scene file `file` names, with or without their extension.
 ///
-/// In `images`, if that is given, each under its whole path or else under the last part of it; without
-/// `images` their paths are relative to the file's folder.
+/// If `images` is given, each photograph is looked up there, first under its whole path, then under its file
+/// name alone. Without `images`, the paths are relative to the scene file's folder. Fails if a photograph is
+/// missing or named twice.
 pub(crate) fn locate(file: &Path, named: &[String], images: Option<&Path>) -> Result<Located, IoError> {
     let beside = file.parent().unwrap_or(Path::new(""));
     let find = |name: &String| match images {
@@ -40,9 +41,9 @@ pub(crate) fn locate(file: &Path, named: &[String], images: Option<&Path>) -> Re
     Ok(Located { folder: common, names })
 }
 
-/// A scene of views that are in the order of a file: sorted by name, with the order as their numbers.
+/// The scene of `views` and `points`, with the views sorted by name and numbered in that order.
 ///
-/// `points` see the views by their places in the file.
+/// On entry the points' `views` are indices into `views` as given; they are renumbered.
 pub(crate) fn sorted_by_name(views: Vec<View>, points: Vec<SparsePoint>) -> Scene {
     let mut order: Vec<usize> = (0..views.len()).collect();
     order.sort_by(|&a, &b| views[a].name.cmp(&views[b].name));
@@ -61,7 +62,7 @@ pub(crate) fn sorted_by_name(views: Vec<View>, points: Vec<SparsePoint>) -> Scen
     Scene { views: views.into_iter().map(numbered).collect(), points, pairs: None }
 }
 
-/// Paths as Windows programs write them have backslashes.
+/// The path with `/` for the backslashes of Windows programs.
 fn slashes(name: &str) -> String {
     name.replace('\\', "/")
 }
@@ -74,7 +75,7 @@ fn find_inside(images: &Path, name: &str) -> Option<PathBuf> {
     candidates.map(|name| images.join(name)).find_map(with_extension)
 }
 
-/// The file of this path, or of this path with the extension of an image.
+/// The path if it is a file, else the first file whose name is this one plus an image extension.
 fn with_extension(path: PathBuf) -> Option<PathBuf> {
     if path.is_file() {
         return Some(path);
@@ -86,7 +87,7 @@ fn with_extension(path: PathBuf) -> Option<PathBuf> {
     extensions.map(|extension| path.with_file_name(format!("{name}.{extension}"))).find(|path| path.is_file())
 }
 
-/// The path without `.` and `..`, as it is written: links are not followed.
+/// The path without `.` and `..`, which are resolved by text alone: links are not followed.
 fn normalised(path: &Path) -> PathBuf {
     let mut normal = PathBuf::new();
     for part in path.components() {
@@ -101,7 +102,7 @@ fn normalised(path: &Path) -> PathBuf {
     normal
 }
 
-/// The deepest folder that holds all files.
+/// The deepest folder that contains all files.
 fn common_folder(files: &[PathBuf]) -> PathBuf {
     let mut folders = files.iter().filter_map(|file| file.parent());
     let Some(first) = folders.next() else { return PathBuf::new() };
@@ -119,7 +120,7 @@ fn name_in(folder: &Path, file: &Path) -> Option<String> {
 /// Refuses photographs that are named twice or have names that are not UTF-8.
 fn check(file: &Path, named: &[String], names: &[String]) -> Result<(), IoError> {
     if names.len() != named.len() {
-        let problem = "expected the photographs' paths in UTF-8 and in one folder, found others";
+        let problem = "expected photographs with UTF-8 paths below one folder, found others";
         return Err(IoError::unsupported(file, Place::Whole, problem));
     }
     let mut seen = BTreeMap::new();

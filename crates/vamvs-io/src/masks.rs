@@ -1,4 +1,4 @@
-//! Masks beside photographs: black (0) pixels are ignored, all others count.
+//! Masks of photographs: black (0) pixels are ignored, all others are used.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,12 +10,12 @@ use crate::{IoError, image};
 /// Where the masks of a scene's photographs are.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Masks {
-    /// There are none.
+    /// There are no masks.
     #[default]
     None,
-    /// In a folder, by the photographs' names (see [`find`]).
+    /// In a folder, under the photographs' names (see [`find`]).
     Folder(PathBuf),
-    /// The files that the scene's files tell, by the photographs' names.
+    /// The mask files that the scene's files name, by the photographs' names.
     Files(BTreeMap<String, PathBuf>),
 }
 
@@ -27,7 +27,7 @@ impl Masks {
         if folder.is_dir() && folder != images { Self::Folder(folder) } else { Self::None }
     }
 
-    /// The mask file of the image `name`, if there is one.
+    /// The mask file of the photograph `name`, if there is one.
     #[must_use]
     pub fn find(&self, name: &str) -> Option<PathBuf> {
         match self {
@@ -38,8 +38,9 @@ impl Masks {
     }
 }
 
-/// The mask of the image `name` in `folder`, if there is one: the first of `NAME.EXT.png` (COLMAP's),
-/// `NAME.png` and, for an image in a subfolder, `NAME.png` without the subfolder.
+/// The mask file in `folder` of the photograph `name`, if there is one: the first that exists of
+/// `NAME.EXT.png` (COLMAP's naming), `NAME.png` and, for a photograph in a subfolder, `NAME.png` without the
+/// subfolder.
 #[must_use]
 pub fn find(folder: &Path, name: &str) -> Option<PathBuf> {
     let without_extension = Path::new(name).with_extension("png");
@@ -51,12 +52,12 @@ pub fn find(folder: &Path, name: &str) -> Option<PathBuf> {
     candidates.into_iter().find(|path| path.is_file())
 }
 
-/// Loads a mask for a photograph of `size`; `true` where pixels count.
+/// Loads the mask of a photograph of `size`; `true` where pixels are used.
 ///
 /// A mask of another size with the same aspect ratio (within 1 %) is resized by nearest neighbour.
 ///
 /// # Errors
-/// If the file cannot be decoded, or its aspect ratio is another.
+/// If the file cannot be decoded or has another aspect ratio.
 pub fn load(path: &Path, size: Size) -> Result<Grid<bool>, IoError> {
     let image = image::decode(path)?.0;
     let found = image::size_of(&image);

@@ -1,8 +1,8 @@
-//! MATLAB's level 5 MAT-files, plain or compressed (`save` writes such by default): numeric and logical
-//! arrays by name. What else a file holds is passed over; version 7.3 files, which are HDF5, are refused.
+//! Reads numeric and logical arrays by name from MATLAB's level 5 MAT-files, plain or compressed (the default
+//! of `save`). Other variables are skipped. Version 7.3 files, which are HDF5, are refused.
 //!
-//! Own code, because the crates that read these files print to the terminal, take damaged files for
-//! short ones or panic on them.
+//! No crate is used for this: those that read MAT-files print to the terminal, read a damaged file as a
+//! shorter one, or panic on it.
 
 use std::io::Read;
 use std::path::Path;
@@ -11,13 +11,13 @@ use flate2::read::ZlibDecoder;
 
 use crate::{IoError, Place};
 
-/// Largest variable that is decompressed, bytes.
+/// Largest variable that is decompressed, in bytes (256 MiB).
 const LARGEST: u64 = 1 << 28;
 
 /// Bytes before the first variable.
 const HEADER: usize = 128;
 
-/// Types of data elements (MAT-File Format, table 1-1).
+/// Types of data elements (MATLAB's "MAT-File Format", table 1-1).
 const UINT32: u32 = 6;
 const MATRIX: u32 = 14;
 const COMPRESSED: u32 = 15;
@@ -25,16 +25,17 @@ const COMPRESSED: u32 = 15;
 /// An array of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Array {
-    /// Its lengths along each dimension, at least two; of a scalar 1 and 1.
+    /// Its length along each dimension. MATLAB writes at least two dimensions; a scalar is 1×1.
     pub shape: Vec<usize>,
-    /// Its values, the first dimension fastest; `true` is 1.
+    /// Its values, with the first dimension varying fastest; `true` is 1.
     pub values: Vec<f64>,
 }
 
-/// Reads the arrays of these names, in their order.
+/// Reads the arrays of these names, in the order of the names. Imaginary parts are ignored.
 ///
 /// # Errors
-/// If the file cannot be read, is no MAT-file of level 5, is damaged, or lacks one of the arrays.
+/// If the file cannot be read, is not a little-endian MAT-file of level 5, is damaged, or lacks one of the
+/// arrays.
 pub fn read<const N: usize>(path: &Path, names: [&str; N]) -> Result<[Array; N], IoError> {
     let bytes = std::fs::read(path).map_err(IoError::system("read", path))?;
     let malformed = |problem: String| IoError::malformed(path, Place::Whole, problem);
@@ -73,7 +74,7 @@ struct Element<'a> {
     content: &'a [u8],
 }
 
-/// The data elements that follow each other in bytes.
+/// An iterator over consecutive data elements in a byte slice.
 struct Elements<'a>(&'a [u8]);
 
 impl<'a> Elements<'a> {
@@ -84,15 +85,15 @@ impl<'a> Elements<'a> {
         let tag = self.take(4)?;
         let word = u32_of(tag);
         if word >> 16 != 0 {
-            // A small element: length, type and up to four bytes in eight.
+            // A small element: length, type and up to four bytes of content, eight bytes in all.
             let content = self.take(4)?.get(..(word >> 16) as usize);
-            let content = content.ok_or("a small element of more than four bytes")?;
+            let content = content.ok_or("found a small element of more than four bytes")?;
             return Ok(Some(Element { kind: word & 0xFFFF, content }));
         }
         let length = u32_of(self.take(4)?) as usize;
         let content = self.take(length)?;
         if word != COMPRESSED {
-            // Elements begin at multiples of eight; the last may end without.
+            // Elements begin at multiples of eight bytes; the last one may lack its padding.
             let padding = length.next_multiple_of(8) - length;
             self.0 = &self.0[padding.min(self.0.len())..];
         }
@@ -117,7 +118,7 @@ fn u32_of(bytes: &[u8]) -> u32 {
     u32::from_le_bytes(bytes.try_into().expect("four bytes"))
 }
 
-/// The array in a top-level element and the place of its name in `names`, if it is a wanted one.
+/// The array in a top-level element and the index of its name in `names`; `None` if it is not one of these.
 fn variable(element: &Element, names: &[&str]) -> Result<Option<(usize, Array)>, String> {
     match element.kind {
         MATRIX => matrix(element.content, names),
@@ -145,7 +146,7 @@ fn matrix(content: &[u8], names: &[&str]) -> Result<Option<(usize, Array)>, Stri
     if flags.kind != UINT32 || flags.content.len() != 8 {
         return Err("expected array flags of 8 bytes at the beginning of a variable".to_owned());
     }
-    // Classes 6 to 15 are arrays of numbers; others (cells, structures, text, sparse arrays) differ from here on.
+    // Classes 6 to 15 are numeric arrays. Others (cells, structures, text, sparse arrays) continue in another way.
     let is_numeric = (6..=15).contains(&flags.content[0]);
     let shape = shape(&parts.expect("dimensions")?)?;
     let name = String::from_utf8_lossy(parts.expect("name")?.content).into_owned();
@@ -166,7 +167,7 @@ fn shape(element: &Element) -> Result<Vec<usize>, String> {
     shape.map_err(|_| "expected lengths of dimensions, found a negative one".to_owned())
 }
 
-/// The numbers of an element: MATLAB stores them in the smallest type that holds them.
+/// The numbers of an element. MATLAB may store them in a smaller type than the array's.
 fn numbers(element: &Element) -> Result<Vec<f64>, String> {
     let bytes = element.content;
     Ok(match element.kind {

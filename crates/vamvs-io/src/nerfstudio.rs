@@ -1,8 +1,9 @@
-//! nerfstudio's `transforms.json`, also as instant-ngp and the NeRF data sets write it.
+//! nerfstudio's `transforms.json`, also as written by instant-ngp and in the NeRF data sets.
 //!
-//! Cameras are global or per frame: `fl_x fl_y cx cy w h`, or `camera_angle_x`; a perspective camera with
-//! `k1 k2 k3 p1 p2`, or a fisheye with `k1 … k4`. Sizes that are missing are those of the image files. A
-//! `transform_matrix` is world from camera in OpenGL's axes (x right, y up, z backwards).
+//! Camera fields are global or per frame; those of the frame take precedence. They are `fl_x fl_y cx cy w h`
+//! or `camera_angle_x`, and the distortion: `k1 k2 k3 p1 p2` of a perspective camera or `k1 … k4` of a
+//! fisheye. A missing size is read from the image file. `transform_matrix` is world from camera, with the
+//! camera in OpenGL's axes (x right, y up, z backwards).
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,22 +17,23 @@ use crate::masks::Masks;
 use crate::sizes::sizes;
 use crate::{IoError, Loaded, Place, occlusion, ply};
 
-/// Longest side of an image, in pixels, that is taken for one.
+/// Longest accepted side of an image, in pixels.
 const LONGEST_SIDE: f64 = (1 << 20) as f64;
 
-/// Sparse points that are kept of a file that may hold a laser scan.
+/// Limit of the sparse points that are kept; the file that is read may be a laser scan.
 const MOST_POINTS: usize = 20_000;
 
 /// Reads the scene of `transforms`, the file or the folder of a `transforms.json`.
 ///
-/// Photographs and masks are found relative to the file; with `images`, photographs are found there. The
-/// points of `ply_file_path` come without the views that saw them, and are taken as seen where they lie in the
-/// image and no other point occludes them
-/// (within a cell of 1/64 of the image's longer side, nearer than nine tenths of their depth).
+/// Masks are looked up relative to the file, and so are photographs unless `images` is given; then they are
+/// looked up there. The points of `ply_file_path` are stored without the views that saw them. A point counts
+/// as seen by each view in whose image it lies and in which no other point occludes it. (A point occludes it
+/// if it lies in the same or a neighbouring cell of 1/64 of the image's longer side, at less than nine tenths
+/// of its depth.) At most 20 000 points are kept, at regular steps through the file.
 ///
 /// # Errors
-/// If the file cannot be read, a field is missing or of the wrong kind, a camera model is not supported,
-/// a pose is none, or photographs are missing.
+/// If the file cannot be read, a field is missing or of the wrong type, a camera model is not supported,
+/// a pose is not a rigid transform, or photographs or masks are missing.
 pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let path = if transforms.is_dir() { transforms.join("transforms.json") } else { transforms.to_owned() };
     let shared = read_object(&path)?;
@@ -48,7 +50,7 @@ pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, Io
     let mut warnings = Vec::new();
     if let Some(points) = sparse_points(&path, &shared, &scene)? {
         warnings.push(format!(
-            "{}: which views see its points is not told; each counts as seen where no other point stands before it",
+            "{}: it does not say which views see its points; each counts as seen where no other point occludes it",
             points.0.display()
         ));
         scene.points = points.1;
@@ -56,10 +58,10 @@ pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, Io
     Ok(Loaded { scene, images: folder, masks, warnings })
 }
 
-/// The fields of a frame, and those that all frames share.
+/// The fields of a frame. A field that the frame lacks is taken from those that all frames share.
 struct Fields<'a> {
     path: &'a Path,
-    /// The frame, for messages.
+    /// The frame's index and file, for error messages.
     what: String,
     own: &'a Map<String, Value>,
     shared: &'a Map<String, Value>,
@@ -169,7 +171,7 @@ fn lens(frame: &Fields) -> Result<Lens, IoError> {
     Ok(if lens.distorts() { lens } else { Lens::None })
 }
 
-/// The pose: OpenGL's camera looks along −z with y up, ours along z with y down.
+/// The pose, camera from world. OpenGL's camera looks along −z with y up, ours along +z with y down.
 fn pose(frame: &Fields) -> Result<Pose, IoError> {
     let problem = |problem: &str| frame.malformed(&format!("transform_matrix: {problem}"));
     let value = frame.own.get("transform_matrix");
@@ -201,14 +203,15 @@ fn masks(path: &Path, frames: &[Fields], names: &[String]) -> Result<Masks, IoEr
         let Some(mask) = frame.text("mask_path")? else { continue };
         let mask = folder.join(mask.replace('\\', "/"));
         if !mask.is_file() {
-            return Err(frame.malformed(&format!("mask_path: {} is no file", mask.display())));
+            return Err(frame.malformed(&format!("mask_path: {} is not a file", mask.display())));
         }
         files.insert(name.clone(), mask);
     }
     Ok(if files.is_empty() { Masks::None } else { Masks::Files(files) })
 }
 
-/// The points of the file that `ply_file_path` names, if there is one, and that file.
+/// The file that `ply_file_path` names and its points, those that at least one view sees; `None` if there is
+/// no such file.
 fn sparse_points(
     path: &Path,
     shared: &Map<String, Value>,

@@ -1,4 +1,4 @@
-//! NumPy's `.npy`, version 1.0: a header of 64 bytes or a multiple of it, then float32 rows from the top.
+//! NumPy's `.npy`, version 1.0: a header, padded to a multiple of 64 bytes, then float32 rows from top to bottom.
 
 use std::path::Path;
 
@@ -6,10 +6,13 @@ use vamvs_core::Grid;
 
 use crate::{IoError, atomic};
 
-/// The bytes before the header's text: magic, version, length.
+/// Number of bytes before the header's text: magic, version, length of the text.
 const PREAMBLE: usize = 10;
 
-/// Writes an array of shape (height, width).
+/// Writes a map as an array of shape (height, width).
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
 pub(crate) fn write(path: &Path, grid: &Grid<f32>) -> Result<(), IoError> {
     let (height, width) = (grid.height(), grid.width());
     let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");

@@ -1,8 +1,8 @@
 //! VisualSFM's `.nvm`, version 3.
 //!
-//! A camera is the image's name, focal length, rotation (a quaternion, camera from world), centre and one
-//! radial coefficient r, which removes distortion: a point seen at d, in focal lengths from the image's
-//! centre, lies without distortion at u = (1 + r|d|²) d.
+//! A camera is the image's name, focal length in pixels, rotation (a quaternion, camera from world), centre
+//! and one radial coefficient r, which maps distorted to undistorted positions: a point seen at d, in focal
+//! lengths from the image's centre, is at u = (1 + r|d|²) d without distortion.
 
 use std::path::Path;
 
@@ -16,7 +16,8 @@ use crate::sizes::stored_sizes;
 use crate::text::{TextReader, WordReader};
 use crate::{IoError, Loaded, Place};
 
-/// Reads the first model of the file `nvm`. Photographs are found in `images`, or relative to the file.
+/// Reads the first model of the file `nvm`. Photographs are looked up in `images` or, without it, relative to the
+/// file.
 ///
 /// # Errors
 /// If the file cannot be read or is malformed, holds no cameras, or photographs are missing.
@@ -32,7 +33,7 @@ pub fn read_scene(nvm: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     let views = cameras.iter().zip(names.into_iter().zip(sizes));
     let views = views.map(|(camera, (name, size))| camera.view(name, size, fixed)).collect();
     let warnings = if more {
-        vec![format!("{}: it holds several models, of which the first is read", nvm.display())]
+        vec![format!("{}: it holds several models; only the first is read", nvm.display())]
     } else {
         Vec::new()
     };
@@ -40,11 +41,11 @@ pub fn read_scene(nvm: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
 }
 
 struct Nvm {
-    /// The calibration of all cameras, if the file fixes one.
+    /// The intrinsics of all cameras (`FixedK`), if the file has them.
     fixed: Option<Intrinsics>,
     cameras: Vec<NvmCamera>,
     points: Vec<SparsePoint>,
-    /// Whether there are more models.
+    /// Whether more models follow.
     more: bool,
 }
 
@@ -66,11 +67,12 @@ impl NvmCamera {
     }
 }
 
-/// The lens that bends u to d where u = (1 + r|d|²) d.
+/// The rational lens that maps an undistorted position u to the distorted d with u = (1 + r|d|²) d.
 ///
-/// As a series in t = r|u|², d/u = 1 − t + 3t² − 12t³ + 55t⁴ − 273t⁵ + 1428t⁶ …, and its Padé approximant
-/// of degrees 3 and 3 is of the form of a rational lens. Its relative error is below 2·10⁻⁵ for t from −0.09
-/// to 0.2 and below 10⁻⁴ from −0.1 to 0.3; real lenses seldom go so far, and at −4/27 the solution ends.
+/// With t = r|u|², the solution is the series d/u = 1 − t + 3t² − 12t³ + 55t⁴ − 273t⁵ + 1428t⁶ …. Its Padé
+/// approximant of degrees 3 and 3 has the form of [`Lens::Rational`]. The approximant's relative error is
+/// below 2·10⁻⁵ for t from −0.09 to 0.2 and below 10⁻⁴ from −0.1 to 0.3. Real lenses seldom exceed this range,
+/// and below −4/27 there is no solution.
 fn lens(r: f64) -> Lens {
     if r == 0.0 {
         return Lens::None;
@@ -94,7 +96,7 @@ fn read_nvm(path: &Path) -> Result<Nvm, IoError> {
     Ok(Nvm { fixed, cameras, points, more })
 }
 
-/// The line `NVM_V3`, perhaps with `FixedK fx cx fy cy`.
+/// Reads the line `NVM_V3`, which may go on with `FixedK fx cx fy cy`; these are returned.
 fn read_header(reader: &mut TextReader) -> Result<Option<Intrinsics>, IoError> {
     let Some(line) = reader.next_line()? else { return Ok(None) };
     let mut words = line.words();
@@ -112,7 +114,7 @@ fn read_header(reader: &mut TextReader) -> Result<Option<Intrinsics>, IoError> {
 }
 
 fn read_camera(words: &mut WordReader) -> Result<NvmCamera, IoError> {
-    // Spaces in a name are written as quotation marks.
+    // VisualSFM writes a space in a name as a quotation mark.
     let name = words.next_word()?.map(|word| word.replace('"', " "));
     let name = name.ok_or_else(|| words.malformed("image name: missing, the file ends here"))?;
     let [focal, w, x, y, z, c0, c1, c2, radial, _zero] = words.numbers("camera")?;

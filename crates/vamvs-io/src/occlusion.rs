@@ -1,19 +1,19 @@
-//! Which views see the points of a cloud that has no tracks.
+//! Decides which views see the points of a cloud that has no tracks.
 //!
-//! In each view the image is divided into cells. A point is seen if it lies in the image and no point of its cell
-//! or of the eight around it occludes it. Points are sparse, so only occlusion by triangulated points is found, not by
-//! every surface.
+//! Each view's image is divided into square cells. A view sees a point if it lies in the image and no point of its
+//! cell or of the eight neighbouring cells occludes it. Points are sparse, so occlusion is found only where there
+//! are points on the occluding surface.
 
 use nalgebra::Vector3;
 use vamvs_core::{Grid, Size, SparsePoint, View};
 
-/// Cells along the longer side of an image.
+/// Number of cells along the longer side of an image.
 const CELLS: f64 = 64.0;
 
 /// A point occludes another one if its depth is less than this share of the other's.
 const BEFORE: f64 = 0.9;
 
-/// A point in a view: the cell that it lies in, and its depth z, scene units.
+/// A point in a view: the cell (x, y) that it lies in, and its depth z in scene units.
 type Seen = ((usize, usize), f64);
 
 /// The points, each with the views that see it.
@@ -30,7 +30,7 @@ pub(crate) fn points_with_views(points: Vec<Vector3<f64>>, views: &[View]) -> Ve
     points
 }
 
-/// Where a view shows a point, if it lies in its image.
+/// The cell and depth of a point in a view; `None` if it is not in the image.
 fn place(view: &View, x_in_world: &Vector3<f64>) -> Option<Seen> {
     let x_in_cam = view.cam_from_world.transform(x_in_world);
     let pixel = view.camera.project(&x_in_cam)?;
@@ -40,12 +40,12 @@ fn place(view: &View, x_in_world: &Vector3<f64>) -> Option<Seen> {
     inside.then(|| (((pixel.x / cell) as usize, (pixel.y / cell) as usize), x_in_cam.z))
 }
 
-/// Pixels along a cell.
+/// Side of a cell in pixels, at least 1.
 fn cell_side(size: Size) -> f64 {
     (size.width.max(size.height) as f64 / CELLS).max(1.0)
 }
 
-/// The least depth of each cell; infinite where there is no point.
+/// The least depth in each cell; infinity where there is no point.
 fn nearest<'a>(view: &View, places: impl Iterator<Item = &'a Seen>) -> Grid<f64> {
     let cells = |side: usize| (side as f64 / cell_side(view.camera.size)).ceil() as usize;
     let Size { width, height } = view.camera.size;
@@ -54,7 +54,7 @@ fn nearest<'a>(view: &View, places: impl Iterator<Item = &'a Seen>) -> Grid<f64>
     nearest
 }
 
-/// The least depth of each cell and those around it.
+/// The least depth in each cell and its eight neighbours.
 fn nearest_around(nearest: &Grid<f64>) -> Grid<f64> {
     let around = |at: usize| at.saturating_sub(1)..=at + 1;
     Grid::from_fn(nearest.size(), |x, y| {
@@ -76,7 +76,7 @@ mod tests {
         View { id: 0, name: "a.png".to_owned(), camera, cam_from_world, depth_range: None }
     }
 
-    /// A wall of points at z, from −1 to 1.
+    /// A wall of 41×41 points at `z`, with x and y from −1 to 1.
     fn wall(z: f64) -> impl Iterator<Item = Vector3<f64>> {
         let at = |i: usize| -1.0 + i as f64 / 20.0;
         (0..41 * 41).map(move |i| Vector3::new(at(i % 41), at(i / 41), z))
@@ -86,7 +86,7 @@ mod tests {
     fn each_of_two_walls_hides_the_other_from_its_own_side() {
         let points: Vec<_> = wall(-0.5).chain(wall(0.5)).collect();
         let seen = points_with_views(points, &[view([0.0, 0.0, -4.0]), view([0.1, 0.0, 4.0])]);
-        // What the farther wall shows beside the nearer one is seen by both.
+        // Both views see the margin of the farther wall, which the nearer wall does not cover.
         let inner = |point: &&SparsePoint| point.x_in_world.xy().amax() < 0.875;
         let [mut front, mut back] = [0, 0];
         for point in seen.iter().filter(inner) {

@@ -1,5 +1,5 @@
-//! Portable float maps: `Pf` (one channel) or `PF` (three), `W H`, a scale whose sign tells the byte
-//! order (negative: little-endian), then float32 rows from bottom to top.
+//! Portable float maps (PFM): `Pf` (one channel) or `PF` (three), `W H`, a scale, then float32 rows from
+//! bottom to top. The sign of the scale gives the byte order (negative: little-endian); its magnitude is ignored.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read};
@@ -9,10 +9,10 @@ use vamvs_core::{Grid, Size, depth_map};
 
 use crate::{IoError, Place, atomic};
 
-/// Longest word of a header, in bytes.
+/// Longest accepted word of a header, in bytes.
 const LONGEST_WORD: usize = 64;
 
-/// Reads a `Pf` map as it stands.
+/// Reads a `Pf` map; its values are not changed.
 ///
 /// # Errors
 /// If the file cannot be read, has three channels, or its length is not what its header announces.
@@ -21,7 +21,7 @@ pub fn read(path: &Path) -> Result<Grid<f32>, IoError> {
     Ok(Grid::from_vec(grid.size(), grid.into_vec().into_flattened()))
 }
 
-/// Reads a three-channel `PF` map as it stands.
+/// Reads a three-channel `PF` map; its values are not changed.
 ///
 /// # Errors
 /// If the file cannot be read, has one channel, or its length is not what its header announces.
@@ -29,7 +29,7 @@ pub fn read_rgb(path: &Path) -> Result<Grid<[f32; 3]>, IoError> {
     read_channels::<3>(path)
 }
 
-/// Reads a depth map: what is not finite and positive becomes 0.
+/// Reads a depth map; values that are not finite and positive become 0.
 ///
 /// # Errors
 /// As [`read`].
@@ -98,11 +98,12 @@ fn read_rows<const C: usize>(
     Ok(())
 }
 
-/// The header of a map: words between whitespace and comments, and one space before the pixels.
+/// A reader of a map's header: words separated by whitespace or comments, and one whitespace byte before the
+/// pixels.
 struct Header<'a> {
     path: &'a Path,
     file: BufReader<File>,
-    /// Bytes of the file that were not read yet.
+    /// Bytes of the file that have not been read yet.
     remaining: u64,
     length: u64,
 }
@@ -114,8 +115,8 @@ impl<'a> Header<'a> {
         Ok(Self { path, file: BufReader::with_capacity(1 << 16, file), remaining: length, length })
     }
 
-    /// Size and byte order (little-endian or not) of a map of `channels`, of which the file holds
-    /// exactly all pixels.
+    /// The size of a map of `channels`, and whether it is little-endian. Fails unless exactly the bytes of its
+    /// pixels follow.
     fn read(&mut self, channels: usize) -> Result<(Size, bool), IoError> {
         let expected = if channels == 1 { "Pf" } else { "PF" };
         let kind = self.word("kind")?;
@@ -146,8 +147,8 @@ impl<'a> Header<'a> {
             .ok_or_else(|| self.malformed(format!("scale: expected a number other than 0, found {word:?}")))
     }
 
-    /// Checks that what remains is the pixels, after the line feed of a header that ends with
-    /// carriage return and line feed.
+    /// Checks that the pixels are all that remains. If the header ends with carriage return and line feed, the
+    /// line feed is skipped first.
     fn expect_pixels(&mut self, size: Size, channels: usize) -> Result<(), IoError> {
         let bytes = |size: Size| size.width.checked_mul(size.height)?.checked_mul(4 * channels);
         let expected = bytes(size).map(|bytes| bytes as u64);
@@ -161,7 +162,7 @@ impl<'a> Header<'a> {
         Err(self.malformed(format!("pixels: {width}×{height} take {expected} bytes, found {found}")))
     }
 
-    /// The next word, without the one space that ends it.
+    /// The next word. The whitespace byte that ends it is read too.
     fn word(&mut self, what: &str) -> Result<String, IoError> {
         let mut word = String::new();
         while let Some(byte) = self.byte()? {

@@ -1,4 +1,5 @@
-//! The sizes of photographs that a scene's files do not tell, from the photographs' headers.
+//! The sizes of photographs: as stated in a scene's files or, where they state none, from the photographs'
+//! headers.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,10 +8,11 @@ use vamvs_core::Size;
 
 use crate::{IoError, image};
 
-/// The size of each of the photographs `names` in `folder`: the one that `stated` holds, else the stored one.
+/// The size in pixels of each of the photographs `names` in `folder`: the `stated` one, or else the one in its
+/// header.
 ///
-/// A photograph without a readable header is one view less, not the end of a scene: it gets the size that most of
-/// the others have, and whoever decodes it learns what is wrong with it.
+/// One damaged photograph must not prevent a scene from being read. A photograph whose header cannot be read
+/// therefore gets the most frequent size of the others; the error is reported when it is decoded.
 ///
 /// # Errors
 /// If no size is stated and no header can be read.
@@ -24,12 +26,12 @@ pub(crate) fn sizes(folder: &Path, names: &[&str], stated: &[Option<Size>]) -> R
     found.into_iter().map(|size| size.or_else(|error| usual.ok_or(error))).collect()
 }
 
-/// The sizes of photographs of which nothing is stated; see [`sizes`].
+/// As [`sizes`], for photographs of which no size is stated.
 pub(crate) fn stored_sizes(folder: &Path, names: &[&str]) -> Result<Vec<Size>, IoError> {
     sizes(folder, names, &vec![None; names.len()])
 }
 
-/// The most frequent size, the larger one of two that are equally frequent.
+/// The most frequent size; of equally frequent ones, the one with the largest area.
 fn commonest<'a>(sizes: impl Iterator<Item = &'a Size>) -> Option<Size> {
     let mut counts: BTreeMap<(usize, usize), usize> = BTreeMap::new();
     sizes.for_each(|size| *counts.entry((size.width, size.height)).or_default() += 1);

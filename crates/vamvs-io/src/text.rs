@@ -1,4 +1,4 @@
-//! Reading of text files by lines or by words, with the line number for error messages.
+//! Readers of text files by lines or by words. They know the line number, for error messages.
 
 use std::fmt::Display;
 use std::fs::File;
@@ -17,13 +17,12 @@ pub(crate) struct TextReader {
 }
 
 impl TextReader {
-    /// Opens `path`.
     pub(crate) fn open(path: &Path) -> Result<Self, IoError> {
         let file = File::open(path).map_err(IoError::system("open", path))?;
         Ok(Self { path: path.to_owned(), inner: BufReader::new(file), line: String::new(), number: 0 })
     }
 
-    /// The next line without its end; `None` at the end of the file.
+    /// The next line without its line end; `None` at the end of the file.
     pub(crate) fn next_line(&mut self) -> Result<Option<Line<'_>>, IoError> {
         self.line.clear();
         let read = self.inner.read_line(&mut self.line).map_err(IoError::system("read", &self.path))?;
@@ -32,7 +31,7 @@ impl TextReader {
         Ok((read > 0).then_some(Line { path: &self.path, number: self.number, text }))
     }
 
-    /// The next line that is neither empty nor a comment.
+    /// The next line that is neither empty nor a `#` comment; `None` at the end of the file.
     pub(crate) fn next_entry(&mut self) -> Result<Option<Line<'_>>, IoError> {
         loop {
             let Some(line) = self.next_line()? else { return Ok(None) };
@@ -55,12 +54,11 @@ fn is_comment(text: &str) -> bool {
 pub(crate) struct Line<'a> {
     path: &'a Path,
     number: usize,
-    /// The line without its end.
+    /// The line without its line end.
     pub(crate) text: &'a str,
 }
 
 impl<'a> Line<'a> {
-    /// The line's words.
     pub(crate) fn words(self) -> Words<'a> {
         Words { line: self, rest: self.text }
     }
@@ -70,15 +68,14 @@ impl<'a> Line<'a> {
         IoError::malformed(self.path, Place::Line(self.number), problem)
     }
 
-    /// An error about a line whose valid content is not supported.
+    /// An error about this line, whose content is valid but not supported.
     pub(crate) fn unsupported(&self, problem: impl Display) -> IoError {
         IoError::unsupported(self.path, Place::Line(self.number), problem)
     }
 }
 
-/// The words of a line that are still to be read.
+/// An iterator over the remaining words of a line.
 pub(crate) struct Words<'a> {
-    /// The line.
     pub(crate) line: Line<'a>,
     rest: &'a str,
 }
@@ -103,7 +100,7 @@ impl<'a> Words<'a> {
         Ok(values)
     }
 
-    /// Everything that is left of the line, without surrounding whitespace.
+    /// The rest of the line, without surrounding whitespace.
     pub(crate) fn rest(&self) -> &'a str {
         self.rest.trim()
     }
@@ -120,19 +117,18 @@ impl<'a> Iterator for Words<'a> {
     }
 }
 
-/// A text file read word by word, wherever its lines end.
+/// A text file read word by word, across line ends.
 pub(crate) struct WordReader {
     reader: TextReader,
     consumed: usize,
 }
 
 impl WordReader {
-    /// Opens `path`.
     pub(crate) fn open(path: &Path) -> Result<Self, IoError> {
         Ok(Self::new(TextReader::open(path)?))
     }
 
-    /// The words after the line that was read last.
+    /// Reads the words after the line that `reader` read last.
     pub(crate) fn new(reader: TextReader) -> Self {
         let consumed = reader.line.len();
         Self { reader, consumed }
@@ -176,7 +172,7 @@ impl WordReader {
         Ok(values)
     }
 
-    /// The next word must be `expected`.
+    /// Reads the next word, which must be `expected`.
     pub(crate) fn keyword(&mut self, expected: &str) -> Result<(), IoError> {
         let found = self.next_word()?.map(str::to_owned);
         if found.as_deref() == Some(expected) {
@@ -186,7 +182,7 @@ impl WordReader {
         Err(self.malformed(format!("expected {expected:?}, found {found:?}")))
     }
 
-    /// An error about the line of the word read last.
+    /// An error about the line of the last word that was read.
     pub(crate) fn malformed(&self, problem: impl Display) -> IoError {
         IoError::malformed(&self.reader.path, Place::Line(self.reader.number), problem)
     }

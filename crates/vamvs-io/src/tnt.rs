@@ -1,5 +1,5 @@
-//! What Tanks and Temples measures a scene by: its crop volume (`SCENE.json`, written by Open3D) and an
-//! alignment of the cloud with the ground truth.
+//! The files that Tanks and Temples evaluates a scene with: its crop volume (`SCENE.json`, in Open3D's format)
+//! and an alignment of the cloud with the ground truth.
 
 use std::fs;
 use std::path::Path;
@@ -12,18 +12,18 @@ use vamvs_core::Similarity;
 use crate::text::WordReader;
 use crate::{IoError, Place};
 
-/// A crop volume: a prism along an axis of the world.
+/// A crop volume: a prism along an axis of the ground truth's frame, in its units.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Volume {
     /// The prism's axis: 0 for x, 1 for y, 2 for z.
     pub axis: usize,
     /// Where the prism begins and ends along its axis.
     pub span: [f64; 2],
-    /// Its outline in the other two axes, in their order.
+    /// The polygon that is the prism's cross-section, in the other two axes, in the order x, y, z.
     pub outline: Vec<[f64; 2]>,
 }
 
-/// Open3D's file of a `SelectionPolygonVolume`.
+/// The JSON of Open3D's `SelectionPolygonVolume`.
 #[derive(Deserialize)]
 struct VolumeFile {
     class_name: String,
@@ -33,7 +33,7 @@ struct VolumeFile {
     bounding_polygon: Vec<[f64; 3]>,
 }
 
-/// A transform as JSON, column after column.
+/// The JSON of a 4×4 transform, column by column.
 #[derive(Deserialize)]
 struct AlignmentFile {
     transformation: [f64; 16],
@@ -42,7 +42,7 @@ struct AlignmentFile {
 /// Reads a crop volume.
 ///
 /// # Errors
-/// If the file cannot be read or holds no such volume.
+/// If the file cannot be read or does not hold a `SelectionPolygonVolume`.
 pub fn read_volume(path: &Path) -> Result<Volume, IoError> {
     let file: VolumeFile = read_json(path)?;
     let malformed = |problem: String| IoError::malformed(path, Place::Whole, problem);
@@ -65,11 +65,11 @@ pub fn read_volume(path: &Path) -> Result<Volume, IoError> {
     Ok(Volume { axis, span: [file.axis_min, file.axis_max], outline })
 }
 
-/// Reads an alignment `ground_truth_from_cloud`: a text file of 4×4 numbers row after row (`SCENE_trans.txt`), or a
-/// JSON file with 16 numbers column after column in `transformation`.
+/// Reads an alignment `ground_truth_from_cloud`: a text file with 4×4 numbers row by row (`SCENE_trans.txt`), or a
+/// `.json` file with 16 numbers column by column in `transformation`.
 ///
 /// # Errors
-/// If the file cannot be read or the numbers are no similarity transform.
+/// If the file cannot be read or the numbers are not a similarity transform.
 pub fn read_alignment(path: &Path) -> Result<Similarity, IoError> {
     let is_json = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
     let matrix = match is_json {

@@ -1,8 +1,8 @@
-//! A view's visibility in all views: an 8-bit grey PNG of one tile of the image's size per view, from
-//! top to bottom in the order of views.
+//! Visibility of a reference view's pixels in all views of a scene: an 8-bit grey PNG with one tile per view,
+//! from top to bottom in the order of the views. Each tile has the size of the reference view's image.
 //!
-//! Grey is 0 where the pixel has no surface, 85 where that is out of the other view, 170 where it is
-//! occluded there, 255 where the other view sees it.
+//! A pixel is 0 if it shows no surface, 85 if its surface projects outside the other view's image, 170 if the
+//! surface is occluded in the other view, 255 if the other view sees it.
 
 use std::path::Path;
 
@@ -11,11 +11,11 @@ use vamvs_core::{Grid, Size, Visibility};
 
 use crate::{IoError, Place, image};
 
-/// Reads the tiles of an image of `size`, one for each of `views` views.
+/// Reads the tiles of a reference view whose image has `size`, one for each of `views` views.
 ///
 /// # Errors
-/// If the file cannot be decoded, is no 8-bit grey image as wide as `size` and `views` times as high, or has other
-/// grey values than the four.
+/// If the file cannot be decoded, is not an 8-bit grey image as wide as `size` and `views` times as high, or has
+/// other values than these four.
 pub fn read(path: &Path, size: Size, views: usize) -> Result<Vec<Grid<Visibility>>, IoError> {
     let stacked = decode_grey(path)?;
     if stacked.size() != Size::new(size.width, size.height * views) {
@@ -29,7 +29,7 @@ pub fn read(path: &Path, size: Size, views: usize) -> Result<Vec<Grid<Visibility
     tiles.map(|grey| Ok(Grid::from_vec(size, tile(grey)?))).collect()
 }
 
-/// Writes the tiles of all views.
+/// Writes the tiles of a reference view, one for each view in the order of the views.
 ///
 /// # Errors
 /// If the file cannot be written; then nothing has changed.

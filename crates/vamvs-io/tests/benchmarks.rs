@@ -1,4 +1,4 @@
-//! The files of DTU and Tanks and Temples: made ones with known content, and damaged ones.
+//! The files of DTU and Tanks and Temples: synthetic files with known content, and damaged ones.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 

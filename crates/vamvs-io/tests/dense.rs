@@ -1,4 +1,4 @@
-//! COLMAP's dense workspaces, OpenMVS's depth maps, and lists of the views that see a point.
+//! COLMAP's dense workspaces, OpenMVS's depth maps, and lists of the views that see each point.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -117,7 +117,7 @@ fn a_cloud_with_views_has_them_as_lists_and_is_read_like_any_other() {
     let start = bytes.windows(head.len()).position(|window| window == head).unwrap() + head.len();
     let text = String::from_utf8_lossy(&bytes[..start]);
     assert!(text.contains("property list uchar uint view_indices\nproperty list uchar float view_weights\n"));
-    // x y z, normal, colour, confidence, views; then the lists.
+    // Skips x y z, normal, colour, confidence and views; the lists follow.
     let lists = &bytes[start + 12 + 12 + 3 + 4 + 1..];
     assert_eq!(lists[..9], [2, 7, 0, 0, 0, 44, 1, 0, 0]);
     assert_eq!(lists[9..18], [&[2], &1f32.to_le_bytes()[..], &1f32.to_le_bytes()].concat());
@@ -148,7 +148,7 @@ fn an_openmvs_depth_map_is_laid_out_as_its_header_says() {
     assert_eq!(bytes[28..42], [&[12, 0], &b"images/a.png"[..]].concat());
     assert_eq!(bytes[42..54], [2, 0, 0, 0, 5, 0, 0, 0, 2, 0, 0, 0]);
     let number = |i: usize| f64::from_le_bytes(bytes[54 + 8 * i..][..8].try_into().unwrap());
-    // Pixel centres at whole numbers: half a pixel less.
+    // The principal point is half a pixel less, because pixel centres are at whole numbers.
     assert_eq!([0, 1, 2, 4, 5, 8].map(number), [10.0, 0.0, 0.5, 11.0, 0.0, 1.0]);
     let third_row = [15, 16, 17].map(number);
     assert!((Vector3::from(third_row) - map.cam_from_world.forward()).norm() < 1e-12);

@@ -1,4 +1,4 @@
-//! The end of all writing, in a process of its own.
+//! Tests `atomic::end`, in a process of its own because it ends all writing.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -22,7 +22,7 @@ fn after_the_end_nothing_unfinished_is_there_and_nothing_is_begun_or_completed()
     let names =
         || -> Vec<_> { std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect() };
     assert_eq!(names(), ["whole"]);
-    // Threads that try to write wait for ever, so only the files can be checked.
+    // Threads that write now block for ever, so they are not joined; only the files are checked.
     let (done, waited) = mpsc::channel();
     let (begun, late) = (done.clone(), path("late"));
     std::thread::spawn(move || begun.send(atomic::write(&late, |out| out.write_all(b"late")).is_ok()));

@@ -1,4 +1,4 @@
-//! Images: formats, orientation, cameras of another size, and files that are damaged or hostile.
+//! Images: formats, orientation, cameras of another size, damaged and hostile files.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -38,7 +38,7 @@ fn exif(orientation: u8) -> Vec<u8> {
     [&b"II*\0\x08\0\0\0\x01\0"[..], &entry, &[0; 4]].concat()
 }
 
-/// A 4×2 PNG of different pixels with an EXIF orientation.
+/// A 4×2 PNG in which all pixels differ, with an EXIF orientation.
 fn oriented_png(orientation: u8) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = PngEncoder::new(&mut bytes);
@@ -56,9 +56,10 @@ fn camera(width: usize, height: usize) -> Camera {
     Camera { size: Size::new(width, height), intrinsics, lens: Lens::Fisheye { k: [0.1; 4] } }
 }
 
-/// An 8×8 CMYK JPEG of one colour, as Adobe's programs write them: each channel 255 (`true`, no ink) or 0.
+/// An 8×8 CMYK JPEG of one colour, as Adobe's programs write it. A channel is 255 (no ink) if `true`, else 0.
 fn cmyk_jpeg(channels: [bool; 4]) -> Vec<u8> {
-    // A DC difference of 127 is category 7 (code 10), one of -128 category 8 (code 0); code 0 ends a block.
+    // Huffman codes: a DC difference of 127 is category 7 (code 10), one of −128 category 8 (code 0). Code 0 ends
+    // a block.
     let bits: String = channels.iter().map(|&on| if on { "1011111110" } else { "0011111110" }).collect();
     let bits = format!("{bits:1<40}");
     let scan =
@@ -117,7 +118,7 @@ fn alpha_becomes_a_mask_unless_all_is_opaque() {
 fn orientation_is_applied_only_where_the_camera_asks_for_it() {
     let folder = tempdir().unwrap();
     let stored = stored_pixels();
-    // Rotated clockwise: what was at the left is at the top, the first row at the right.
+    // Rotated clockwise: the left column is at the top, the first row at the right.
     let rotated = Grid::from_fn(Size::new(2, 4), |x, y| stored[(y, 1 - x)]);
     let path = save(folder.path(), "6.png", &oriented_png(6));
     for (camera_size, expected, turned, resized) in [
@@ -247,7 +248,7 @@ fn what_is_no_image_is_named() {
 fn reducing_keeps_positions_and_does_not_alias() {
     let ramp = Grid::from_fn(Size::new(24, 8), |x, _| [10 * x as u8; 3]);
     let half = image::resize(&ramp, Size::new(12, 4));
-    // The centre of pixel j is at 2j + 1, where the ramp is 10 (2j + 1/2).
+    // The centre of pixel j is at x = 2j + 1 in the large image, where the ramp's value is 10 (2j + 1/2).
     assert!((2..10).all(|j| half[(j, 2)][0].abs_diff((20 * j + 5) as u8) <= 1), "{:?}", half.row(2));
     let checkerboard = Grid::from_fn(Size::new(64, 64), |x, y| [if (x + y) % 2 == 0 { 0 } else { 254 }; 3]);
     let small = image::resize(&checkerboard, Size::new(24, 24));

@@ -1,4 +1,4 @@
-//! Scenes of other programs: nerfstudio, Bundler, VisualSFM, OpenMVS.
+//! Scenes of nerfstudio, Bundler, VisualSFM and OpenMVS.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -17,7 +17,7 @@ const SIZE: Size = Size::new(8, 6);
 /// A point that all cameras see, not on any axis.
 const POINT: [f64; 3] = [0.21, -0.13, 0.34];
 
-/// Cameras that turn about all axes and look at the origin.
+/// Poses, camera from world, that look at the origin and are rotated about all axes.
 fn pose(view: usize) -> Pose {
     let eye = Vector3::new(1.5 + 0.1 * view as f64, -2.0 + 0.3 * view as f64, 3.0);
     Pose::look_at(&eye, &Vector3::zeros(), &Vector3::new(0.3, 0.9, 0.1))
@@ -57,7 +57,7 @@ fn expect_pose(view: &View, expected: &Pose) {
     assert!(turned < 1e-9 && moved < 1e-9, "{}: {turned}, {moved}", view.name);
 }
 
-/// Where a view shows [`POINT`].
+/// The pixel at which a view shows [`POINT`].
 fn pixel(view: &View) -> Vector2<f64> {
     view.camera.project(&view.cam_from_world.transform(&POINT.into())).unwrap()
 }
@@ -67,7 +67,7 @@ fn expect_pixel(view: &View, expected: [f64; 2]) {
     assert!((found - Vector2::from(expected)).norm() < 1e-9, "{}: {found} or {expected:?}", view.name);
 }
 
-/// nerfstudio's matrix: world from camera, with y up and z backwards.
+/// nerfstudio's matrix of a pose: world from camera, with the camera's y up and z backwards.
 fn transform_matrix(pose: &Pose) -> Value {
     let world_from_cam = pose.inverse();
     let column = |i: usize, sign: f64| sign * world_from_cam.rotation.column(i).into_owned();
@@ -200,7 +200,7 @@ fn bundle(files: &Files, list: &str) -> PathBuf {
     files.save("bundle.out", &text)
 }
 
-/// What Bundler's manual says of where [`POINT`] is seen: from the image's centre, y up.
+/// The pixel of [`POINT`] by the equations of Bundler's manual, which counts from the image's centre with y up.
 fn bundler_pixel(view: usize) -> [f64; 2] {
     let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
     let x = flip * pose(view).transform(&POINT.into());
@@ -264,7 +264,7 @@ fn an_nvm_file_is_read_with_its_lens_and_its_tracks() {
     let [a, b] = &loaded.scene.views[..] else { panic!("two views") };
     assert_eq!((a.name.as_str(), b.name.as_str()), ("a.png", "b b.png"));
     expect_pose(a, &pose(1));
-    // The measurement, its distortion removed as VisualSFM does, is the pinhole's.
+    // With the distortion removed as VisualSFM does it, the pixel is that of a pinhole camera.
     let bent = (pixel(b) - Vector2::new(4.0, 3.0)) / 12.0;
     let straight = bent * (1.0 + 0.04 * bent.norm_squared());
     let x = pose(0).transform(&POINT.into());

@@ -1,4 +1,4 @@
-//! MVSNet folders: depth lines, pairs, matching of images, and files that are damaged or wrong.
+//! MVSNet folders: depth lines, pairs, the matching of images and cameras, and damaged or wrong files.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 

@@ -73,7 +73,7 @@ fn rows_are_stored_from_bottom_to_top() {
 #[test]
 fn headers_as_found_in_the_wild_are_read() {
     let folder = tempdir().unwrap();
-    // The first pixel begins with a line feed's byte.
+    // The first pixel's first byte is a line feed, which must not be taken for the end of the header.
     let values = [f32::from_le_bytes([10, 0, 0, 64]), 2.0];
     for header in
         ["Pf\n2 1\n-1.0\n", "Pf\r\n2 1\r\n-1\r\n", "Pf\n# by hand\n2\n1\n# x\n-0.003 ", "Pf 2 1 -1e0\n"]

@@ -1,4 +1,4 @@
-//! Clouds: round trips, foreign PLY files, and hostile ones.
+//! Clouds: round trips, PLY files of other programs, and hostile ones.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -97,7 +97,7 @@ fn a_cloud_far_from_the_origin_keeps_its_digits() {
     ply::write(&path, &cloud).unwrap();
     assert!(fs::read(&path).unwrap().windows(17).any(|bytes| bytes == b"property double x"));
     assert_eq!(ply::read(&path).unwrap(), cloud);
-    // A survey of 600 m in UTM coordinates, whose steps as floats would be half a metre.
+    // A survey of 600 m in UTM coordinates, which floats would round to half a metre.
     let survey = [point([691_000.0, 5_334_000.0, 500.0]), point([691_600.0, 5_334_600.0, 520.0])];
     assert_eq!(ply::Coordinates::for_points(&survey), ply::Coordinates::Double);
     let near = [point([90.0, 0.0, 0.0]), point([91.0, 0.0, 0.0])];

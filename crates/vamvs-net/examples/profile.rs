@@ -1,4 +1,5 @@
-//! Time of one depth map, stage by stage: `profile MODULE WIDTH HEIGHT VIEWS PLANES [COARSE_STRIDE]`.
+//! Prints the time of one depth map, stage by stage, and its peak memory:
+//! `profile MODULE WIDTH HEIGHT VIEWS PLANES [COARSE_STRIDE]`.
 
 use nalgebra::Vector3;
 use vamvs_core::{DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Pose, Size, Spacing};

@@ -1,6 +1,6 @@
-//! Multi-view feature aggregation (section 3.1, figure 3): features of any number of views become one.
+//! Multi-view feature aggregation (section 3.1, figure 3): reduces the features of any number of views to one.
 //!
-//! Views come one after the other, so memory does not grow with their number.
+//! Views are added one after the other, so memory does not grow with their number.
 
 use serde::{Deserialize, Serialize};
 use tch::{TchError, Tensor};
@@ -11,42 +11,42 @@ use tch::{TchError, Tensor};
 pub enum Aggregation {
     /// Mean over all views.
     Avg,
-    /// Largest over all views, channel by channel.
+    /// Maximum over all views, channel by channel.
     Max,
     /// Variance over all views.
     Var,
     /// Mean over the source views of learned features of the pair (reference, source).
     VisAvg,
-    /// Largest over the source views of learned features of the pair.
+    /// Maximum over the source views of learned features of the pair (reference, source).
     VisMax,
-    /// Variance over all views, each weighted by its learned visibility.
+    /// Variance over all views, each source view weighted by its learned visibility.
     VisVar,
-    /// Mean over the source views of their group-wise correlation with the reference, each weighted by its learned
-    /// visibility; not in the paper.
+    /// Mean over the source views of their group-wise correlation with the reference view, each weighted by its
+    /// learned visibility; not in the paper.
     VisCorr,
 }
 
 impl Aggregation {
-    /// Whether the features of a source view are first related to the reference's by a learned function.
+    /// Whether learned features of the pair (reference, source) are aggregated instead of the views' own.
     #[must_use]
     pub fn relates_pairs(self) -> bool {
         matches!(self, Self::VisAvg | Self::VisMax)
     }
 
-    /// Whether views are weighted by learned visibility masks.
+    /// Whether source views are weighted by learned visibility masks.
     #[must_use]
     pub fn weighs_views(self) -> bool {
         matches!(self, Self::VisVar | Self::VisCorr)
     }
 
-    /// Whether source views are compared with the reference by correlation, and one pyramid of features serves both
-    /// stages.
+    /// Whether source views are compared with the reference view by correlation. One pyramid of features then serves
+    /// both stages.
     #[must_use]
     pub fn correlates(self) -> bool {
         matches!(self, Self::VisCorr)
     }
 
-    /// The running reduction of this aggregation.
+    /// An empty reducer for this aggregation.
     #[must_use]
     pub fn reducer(self) -> Reducer {
         match self {
@@ -59,10 +59,10 @@ impl Aggregation {
     }
 }
 
-/// What keeps the weighted mean finite where no view sees anything (ε).
+/// ε, which keeps the weighted mean finite where the visibility is 0 in all views.
 pub(crate) const UNSEEN: f64 = 1e-3;
 
-/// A reduction over views in progress.
+/// A running reduction over views: of features F with visibility V, for n views.
 #[derive(Debug)]
 pub enum Reducer {
     /// Σ F / n.
@@ -90,7 +90,7 @@ pub enum Reducer {
     },
 }
 
-/// The sum of the views' weights.
+/// The sum of the views' weights, Σ V.
 #[derive(Debug)]
 pub enum Weight {
     /// All weights are 1.
@@ -100,11 +100,11 @@ pub enum Weight {
 }
 
 impl Reducer {
-    /// Adds a view's features. `visibility` (broadcast over channels and planes) counts in the weighted
-    /// mean and variance only, where `None` is 1.
+    /// Adds a view's features. `visibility` is broadcast over channels and planes. Only the weighted mean and the
+    /// weighted variance use it; `None` stands for 1.
     ///
     /// # Errors
-    /// If shapes differ from the views before, or memory runs out.
+    /// If shapes differ from those of the views before, or memory runs out.
     pub fn add(&mut self, features: &Tensor, visibility: Option<&Tensor>) -> Result<(), TchError> {
         match self {
             Self::Mean { sum, count } => {
@@ -153,7 +153,7 @@ impl Reducer {
         }
     }
 
-    /// The aggregated features; `None` if no view was added.
+    /// The aggregated features, or `None` if no view was added.
     ///
     /// # Errors
     /// If memory runs out.
@@ -180,7 +180,7 @@ impl Reducer {
     }
 }
 
-/// Adds to a running sum that begins empty.
+/// Adds a term to a running sum that begins empty.
 fn accumulate(sum: &mut Option<Tensor>, term: &Tensor) -> Result<(), TchError> {
     *sum = Some(match sum.take() {
         Some(sum) => sum.f_add(term)?,

@@ -1,21 +1,20 @@
-//! From costs to the coarse depth and its confidence (section 3.2).
+//! The coarse depth map and its confidence, from regularised costs (section 3.2).
 
 use tch::{Kind, TchError, Tensor};
 
 /// A depth map in plane coordinates, with confidence.
 #[derive(Debug)]
 pub struct PlaneMap {
-    /// (h, w), plane coordinates.
+    /// Depth, (h, w), in plane coordinates.
     pub u: Tensor,
-    /// (h, w) in [0, 1].
+    /// Confidence, (h, w) in [0, 1].
     pub confidence: Tensor,
 }
 
-/// The soft-argmin of the costs, and the probability of the two planes next to it. The expectation is taken over all
-/// planes, as in the paper, or over those within `window` of the most probable one, which does not average two surfaces
-/// at an occlusion boundary.
+/// The soft-argmin of costs (1, D, h, w); the confidence is the probability of the two planes that enclose it.
 ///
-/// Costs (1, D, h, w).
+/// The soft-argmin is taken over all planes, as in the paper, or over those within `window` of the most probable one.
+/// The window keeps it from averaging two surfaces at a depth discontinuity.
 ///
 /// # Errors
 /// If memory runs out.
@@ -30,8 +29,8 @@ pub fn soft_argmin(costs: &Tensor, window: Option<usize>) -> Result<PlaneMap, Tc
     }
 }
 
-/// Costs at a fine stride (1, D, h, w), blended with those at twice the stride, (1, D, h/2, w/2), where the fine ones are
-/// not confident: p · fine + (1 − p) · wide, p being the confidence of the fine ones.
+/// Blends costs at a fine stride, (1, D, h, w), with costs at twice that stride, (1, D, h/2, w/2):
+/// p · fine + (1 − p) · wide, where p is the confidence of the fine costs.
 ///
 /// # Errors
 /// If memory runs out.
@@ -41,7 +40,8 @@ pub(crate) fn where_unsure(fine: &Tensor, wide: &Tensor, window: Option<usize>) 
     fine.f_lerp_tensor(&wide.f_upsample_bilinear2d([h, w], false, None, None)?, &unsure)
 }
 
-/// The expected index over dimension 0, and the probability of the two entries next to it: (D, …) → (…).
+/// The expected index along dimension 0, and as confidence the probability of the two entries that enclose it:
+/// (D, …) → (…).
 ///
 /// # Errors
 /// If memory runs out.
@@ -54,7 +54,7 @@ pub fn expectation_and_confidence(probability: &Tensor) -> Result<PlaneMap, TchE
     Ok(PlaneMap { confidence: probability_near(probability, &u)?, u })
 }
 
-/// The expected index over the entries of dimension 0 within `window` of the most probable one: (D, …) → (…).
+/// The expected index over the entries of dimension 0 within `window` of the most probable entry: (D, …) → (…).
 fn windowed_expectation(probability: &Tensor, window: i64) -> Result<Tensor, TchError> {
     let last = probability.size()[0] - 1;
     let likeliest = probability.f_detach()?.f_argmax(0, true)?;
@@ -70,7 +70,7 @@ fn windowed_expectation(probability: &Tensor, window: i64) -> Result<Tensor, Tch
     moment.f_div(&mass)?.f_add(&likeliest)?.f_squeeze_dim(0)
 }
 
-/// The probability of the two entries of dimension 0 next to `u`: (D, …), (…) → (…).
+/// The probability of the two entries of dimension 0 that enclose `u`: (D, …), (…) → (…).
 fn probability_near(probability: &Tensor, u: &Tensor) -> Result<Tensor, TchError> {
     let count = probability.size()[0];
     let below = u.f_detach()?.f_floor()?.f_clamp(0.0, (count - 2).max(0) as f64)?.f_to_kind(Kind::Int64)?;
@@ -87,8 +87,8 @@ mod tests {
     #[test]
     fn confident_fine_costs_decide_and_others_leave_it_to_wide_ones() {
         let options = (Kind::Float, tch::Device::Cpu);
-        // In the left column the fine costs are sure of plane 3, in the right one they know nothing of ten planes:
-        // the two likeliest have a fifth of the probability.
+        // In the left column the fine costs are certain of plane 3. In the right column all ten planes have the same
+        // fine cost, so the two that enclose the depth have a fifth of the probability.
         let fine = Tensor::zeros([1, 10, 4, 2], options);
         let _ = fine.narrow(3, 0, 1).fill_(40.0);
         let _ = fine.narrow(3, 0, 1).narrow(1, 3, 1).fill_(0.0);

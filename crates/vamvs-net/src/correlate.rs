@@ -1,13 +1,13 @@
-//! Group-wise correlation (Guo et al., CVPR 2019): how alike a pair of views is, a few channels for the price of one
-//! product each.
+//! Group-wise correlation (Guo et al., CVPR 2019): the similarity of a pair of views, one channel for each group of
+//! feature channels.
 
 use tch::{Kind, TchError, Tensor};
 
-/// Mean product of each of G = C / `group` groups of channels, channel c being of group c mod G: reference (1, C, …),
-/// source (D, C, …) → (D, G, …). Groups are interleaved so that those of a place are neighbours in memory.
+/// The mean product of the channels in each of G = C / `group` groups: reference (1, C, …), source (D, C, …) →
+/// (D, G, …). Groups are interleaved: channel c belongs to group c mod G.
 ///
 /// # Errors
-/// If C is no multiple of `group`, or memory runs out.
+/// If C is not a multiple of `group`, or memory runs out.
 pub fn correlation(reference: &Tensor, source: &Tensor, group: usize) -> Result<Tensor, TchError> {
     let mut shape = source.size();
     shape[1] /= group as i64;
@@ -16,8 +16,8 @@ pub fn correlation(reference: &Tensor, source: &Tensor, group: usize) -> Result<
     product.f_mean_dim([1].as_slice(), false, Kind::Float)
 }
 
-/// The input of a view's visibility: the largest and the mean correlation over all planes, (D, G, h, w) →
-/// (1, 2 G, h, w). A view that sees a surface is like the reference at one plane and unlike it at the others.
+/// The maximum and the mean correlation over all planes, (D, G, h, w) → (1, 2 G, h, w), from which a source view's
+/// visibility is predicted. A view that sees a surface resembles the reference view at one plane and not at the others.
 ///
 /// # Errors
 /// If memory runs out.

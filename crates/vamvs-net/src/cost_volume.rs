@@ -1,7 +1,8 @@
-//! The plane sweep: source features warped onto the reference's planes and aggregated (section 3.1).
+//! The plane sweep: source features are warped onto the reference view's planes and aggregated (section 3.1).
 //!
-//! Slabs of planes are made one after the other, and within a slab view after view, so that besides the
-//! volume itself only one slab of one view exists at a time.
+//! Slabs of planes are processed one after the other, and within a slab one source view after the other, so that
+//! of the warped features only one slab of one view exists at a time. vis-corr goes through the views in the
+//! outer loop, because a view's visibility needs its correlations at all planes.
 
 use tch::{Kind, TchError, Tensor};
 use vamvs_core::Planes;
@@ -22,17 +23,18 @@ struct Sweep<'a> {
     sources: Vec<(&'a EncodedView, Projection)>,
     planes: &'a Planes,
     pixel_grid: PixelGrid,
-    /// Which of the views' coarse features are swept.
+    /// Index of the swept features in [`EncodedView::coarse`].
     level: usize,
+    /// Planes in a slab.
     slab: usize,
 }
 
-/// The costs of the planes, and for vis-var and vis-corr the visibility masks.
+/// The regularised costs of the planes, and for vis-var and vis-corr the visibility masks.
 #[derive(Debug)]
 pub struct Costs {
-    /// (1, D, h, w), low is likely.
+    /// (1, D, h, w); a low cost is likely.
     pub costs: Tensor,
-    /// For each source view (1, 1, h, w) in [0, 1]; empty unless the aggregation weighs views.
+    /// One mask (1, 1, h, w) in [0, 1] for each source view; empty unless the aggregation weighs views.
     pub visibility: Vec<Tensor>,
 }
 
@@ -41,29 +43,28 @@ pub struct Costs {
 pub struct CostVolume {
     /// (1, C', D, h, w)
     pub volume: Tensor,
-    /// For each source view (1, 1, h, w) in [0, 1]; empty unless the aggregation weighs views.
+    /// One mask (1, 1, h, w) in [0, 1] for each source view; empty unless the aggregation weighs views.
     pub visibility: Vec<Tensor>,
 }
 
-/// What to sweep: `planes` through the coarse features of `reference` and `sources`.
+/// The inputs of a plane sweep.
 #[derive(Clone, Copy, Debug)]
 pub struct SweepInputs<'a> {
     /// The network.
     pub network: &'a Network,
-    /// The view whose depth is sought.
+    /// The reference view.
     pub reference: &'a EncodedView,
-    /// The views it is compared with.
+    /// The source views.
     pub sources: &'a [&'a EncodedView],
     /// The planes.
     pub planes: &'a Planes,
-    /// 0: features at the coarse stride. 1: at twice that stride, where photographs were enlarged.
+    /// 0: features at the coarse stride. 1: features at twice that stride, which exist if photographs were enlarged.
     pub level: usize,
-    /// Memory of a slab of warped features, or one plane if that is more, bytes.
+    /// Memory of one slab of warped features, bytes; a slab has at least one plane.
     pub slab_bytes: usize,
 }
 
-/// The whole volume of a sweep. Where the aggregation weighs views, `seen` are masks to do it by, instead of the
-/// network's.
+/// The whole volume of a sweep. If the aggregation weighs views, the masks `seen` replace the network's own.
 ///
 /// # Errors
 /// If the module breaks its contract or memory runs out.
@@ -76,8 +77,9 @@ pub fn sweep(inputs: &SweepInputs<'_>, seen: Option<Vec<Tensor>>) -> Result<Cost
     Ok(CostVolume { volume: sweep.volume(&visibility)?, visibility })
 }
 
-/// The regularised costs of a sweep; `seen` as for [`sweep`]. Where the module can and no gradient is asked for, the
-/// volume is never whole: its planes go through the first layers slab by slab, and those have few channels.
+/// The regularised costs of a sweep; `seen` as for [`sweep`]. If the module supports it (`slabs` in the manifest) and
+/// no gradient is needed, the volume is never held as a whole: its planes go through the first layers of the
+/// regularisation slab by slab, and the output of these layers has few channels.
 ///
 /// # Errors
 /// As [`sweep`].
@@ -118,7 +120,7 @@ impl<'a> Sweep<'a> {
         Ok(Self { network, reference, sources, planes, pixel_grid, level, slab })
     }
 
-    /// The masks to weigh views by: `seen` if they are given and weigh anything, else the network's.
+    /// The masks that weigh the views: `seen` if it is given and the aggregation weighs views, else the network's.
     fn masks(&self, seen: Option<Vec<Tensor>>) -> Result<Vec<Tensor>, NetError> {
         match seen {
             Some(seen) if self.network.manifest().aggregation.weighs_views() => Ok(seen),
@@ -132,8 +134,8 @@ impl Sweep<'_> {
         &view.coarse[self.level]
     }
 
-    /// vis-corr: the mean over the source views of their correlations with the reference, each weighted by what the
-    /// view sees.
+    /// vis-corr: the mean over the source views of their correlations with the reference view, weighted by their
+    /// visibility.
     fn correlate(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
         if native::serves(self.network, &self.reference.flow) {
             return self.correlate_natively(seen);
@@ -153,7 +155,7 @@ impl Sweep<'_> {
         Ok(CostVolume { volume: volume.f_permute([1, 0, 2, 3])?.f_unsqueeze(0)?.f_contiguous()?, visibility })
     }
 
-    /// The same by native kernels.
+    /// As [`Sweep::correlate`], with the native kernels.
     fn correlate_natively(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
         let (depths, _) = self.depths(0, self.planes.count)?;
         let reference = self.features(self.reference);
@@ -184,7 +186,7 @@ impl Sweep<'_> {
         Ok(native::sweep::Source { level: Level::of(&source.coarse[self.level])?, transfer })
     }
 
-    /// The correlation of one source view with the reference at all planes, (D, G, h, w).
+    /// The correlation of one source view with the reference view at all planes, (D, G, h, w).
     fn correlation(&self, source: &EncodedView, projection: &Projection) -> Result<Tensor, NetError> {
         let group = self.network.manifest().group;
         let slab = |first: usize| -> Result<Tensor, TchError> {
@@ -197,7 +199,7 @@ impl Sweep<'_> {
         Ok(Tensor::f_cat(&slabs, 0)?)
     }
 
-    /// Slab by slab into one volume (1, C', D, h, w).
+    /// The aggregated volume (1, C', D, h, w), written slab by slab.
     fn volume(&self, visibility: &[Tensor]) -> Result<Tensor, NetError> {
         let mut volume = None;
         for first in (0..self.planes.count).step_by(self.slab) {
@@ -215,7 +217,7 @@ impl Sweep<'_> {
         volume.ok_or_else(|| NetError::Request("a sweep needs at least one plane".to_owned()))
     }
 
-    /// One slab, reduced over the views: (D', C', h, w).
+    /// The slab that begins with plane `first`, aggregated over the views: (D', C', h, w).
     fn aggregate(&self, first: usize, visibility: &[Tensor]) -> Result<Tensor, NetError> {
         let manifest = self.network.manifest();
         let aggregation = manifest.aggregation;
@@ -246,7 +248,8 @@ impl Sweep<'_> {
         }
     }
 
-    /// The visibility mask of each source view (vis-var): pair features, pooled over all planes.
+    /// vis-var: the visibility mask of each source view, predicted from pair features that are max-pooled over all
+    /// planes. Empty for aggregations that do not weigh views.
     fn visibility(&self) -> Result<Vec<Tensor>, NetError> {
         if !self.network.manifest().aggregation.weighs_views() {
             return Ok(Vec::new());
@@ -275,7 +278,7 @@ impl Sweep<'_> {
         self.depths(first, (first + self.slab).min(self.planes.count))
     }
 
-    /// The same of the planes `first..end`.
+    /// As [`Sweep::slab_depths`], for the planes `first..end`.
     fn depths(&self, first: usize, end: usize) -> Result<(Tensor, Tensor), TchError> {
         let options = (Kind::Float, self.features(self.reference).device());
         let u = Tensor::f_arange_start(first as i64, end as i64, options)?;

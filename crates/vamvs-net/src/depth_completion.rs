@@ -1,47 +1,49 @@
-//! Depth completion: textureless surfaces filled in between confident depths.
+//! Depth completion: fills textureless surfaces between confident depths.
 //!
-//! Where there is no texture to match, depth must come from the surroundings. The inverse depth of a plane is linear in the
-//! pixel's coordinates, so textureless regions are filled with the smoothest inverse depths between confident
-//! ones: a least-squares problem with a data term weighted by confidence and second differences weighted
-//! by likeness of colour, and, again and again, by how little the surface bends there, so that edges stay.
+//! Where there is no texture to match, depth must come from the surroundings. The inverse depth of a plane is
+//! linear in pixel coordinates, so textureless regions are filled with the smoothest inverse depths between
+//! confident ones. This is a least-squares problem. Its data term is weighted by confidence; its smoothness term,
+//! on second differences, is weighted by similarity of colour and is reweighted in several rounds by a robust
+//! function of the second differences themselves, so that depth discontinuities stay.
 
 use serde::{Deserialize, Serialize};
 
 use vamvs_core::{Grid, Rgb, Size};
 
-/// How surfaces are completed.
+/// The parameters of depth completion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Completion {
-    /// Weight of second differences against a value that is certain.
+    /// Weight of the smoothness term relative to the data term of a value with confidence 1.
     pub stiffness: f32,
-    /// A value counts with its confidence to this power.
+    /// The data term of a value is weighted by its confidence to this power.
     pub power: f32,
 }
 
-/// Deviation of colours on one surface, grey values.
+/// Standard deviation of colours on one surface, grey values.
 const COLOUR: f32 = 10.0;
-/// The least weight of a second difference across an edge of the photograph.
+/// Lower bound of the colour weight of a second difference, reached at edges of the photograph.
 const ACROSS: f32 = 1e-3;
-/// The second difference at which a surface breaks, in the unit of the values.
+/// Scale of the robust function: second differences much larger than this count as discontinuities. In the unit of
+/// the values, at full resolution; doubled for each halving.
 const BEND: f32 = 0.5;
-/// Rounds of weighting, and steps of conjugate gradients in each.
+/// Rounds of reweighting, and the most conjugate-gradient steps in each.
 const ROUNDS: usize = 4;
 const STEPS: usize = 60;
-/// The least weight of a value, so that there is one solution.
+/// Added to the data weight of every value, so that the solution is unique.
 const LEAST: f32 = 1e-5;
-/// Maps of a shorter side are not halved to begin with.
+/// Maps with a shorter side than this are solved without a coarser level.
 const SMALLEST: usize = 16;
 
-/// The smoothest values that follow `values` where `confidence`, in [0, 1], is high. All three maps have the
-/// same size; the unit of the values is the distance between hypotheses.
+/// The smoothest map that follows `values` where `confidence`, in [0, 1], is high. All three maps have the same size;
+/// values are plane coordinates, so their unit is one plane distance.
 #[must_use]
 pub fn complete(values: &Grid<f32>, confidence: &Grid<f32>, image: &Grid<Rgb>, how: Completion) -> Grid<f32> {
     let weight = confidence.map(|confidence| confidence.clamp(0.0, 1.0).powf(how.power));
     solve(values, &weight, image, how.stiffness, BEND)
 }
 
-/// From coarse to fine: large textureless regions are filled in a few steps.
+/// Solves from coarse to fine, so that large textureless regions are filled in a few steps.
 fn solve(values: &Grid<f32>, weight: &Grid<f32>, image: &Grid<Rgb>, stiffness: f32, bend: f32) -> Grid<f32> {
     let size = values.size();
     let mut x = if size.width.min(size.height) >= SMALLEST {
@@ -66,7 +68,7 @@ fn solve(values: &Grid<f32>, weight: &Grid<f32>, image: &Grid<Rgb>, stiffness: f
     Grid::from_vec(size, x)
 }
 
-/// The weighted means of blocks of 2×2.
+/// The means of 2×2 blocks, weighted if there are weights.
 fn halved(grid: &Grid<f32>, weight: Option<&Grid<f32>>) -> Grid<f32> {
     let size = Size::new(grid.width().div_ceil(2), grid.height().div_ceil(2));
     Grid::from_fn(size, |x, y| {
@@ -87,7 +89,7 @@ fn halved_image(image: &Grid<Rgb>) -> Grid<Rgb> {
     Grid::from_fn(channels[0].size(), |x, y| std::array::from_fn(|c| channels[c][(x, y)].round() as u8))
 }
 
-/// Bilinearly at twice the size.
+/// Upsamples bilinearly by two, to `size`.
 fn doubled(small: &Grid<f32>, size: Size) -> Grid<f32> {
     let axis = |c: usize, side: usize| {
         let at = ((c as f32 + 0.5) * 0.5 - 0.5).clamp(0.0, (side - 1) as f32);
@@ -100,7 +102,7 @@ fn doubled(small: &Grid<f32>, size: Size) -> Grid<f32> {
     })
 }
 
-/// How likely neighbouring places are of one surface, by their colours.
+/// How alike the colours along a path of neighbouring pixels are, from `ACROSS` to 1.
 fn likeness(image: &Grid<Rgb>, places: &[(usize, usize)]) -> f32 {
     let difference = |pair: &[(usize, usize)]| -> f32 {
         let [a, b] = [image[pair[0]], image[pair[1]]];
@@ -110,8 +112,8 @@ fn likeness(image: &Grid<Rgb>, places: &[(usize, usize)]) -> f32 {
     (-0.5 * largest / (COLOUR * COLOUR)).exp().max(ACROSS)
 }
 
-/// Weights of second differences: along rows and columns centred on a pixel, and of the twist of the block of
-/// four to the right and below.
+/// The weights of the second differences at each pixel: along its row and column, centred on it, and the mixed one of
+/// the 2×2 block to its right and below.
 struct Bends {
     x: Vec<f32>,
     y: Vec<f32>,
@@ -133,7 +135,7 @@ impl Bends {
         }
     }
 
-    /// The weights, smaller where `values` bend: Geman and McClure's function.
+    /// The weights times those of iteratively reweighted least squares for the Geman–McClure function.
     fn reweighted(&self, width: usize, values: &[f32], bend: f32) -> Self {
         let map = |weights: &[f32], second: &dyn Fn(usize) -> f32| {
             let robust = |(i, &weight): (usize, &f32)| match weight {
@@ -160,7 +162,8 @@ fn twist(v: &[f32], i: usize, width: usize) -> f32 {
     v[i] - v[i + 1] - v[i + width] + v[i + width + 1]
 }
 
-/// The normal equations (W + k Σ bᵀ b) x = W d.
+/// The normal equations (W + k Σ w bᵀ b) x = W d, for data weights W, stiffness k, and second differences b with
+/// weights w.
 struct System<'a> {
     width: usize,
     weight: &'a [f32],
@@ -185,7 +188,7 @@ impl System<'_> {
             }
             let weight = self.bends.xy[i];
             if weight > 0.0 {
-                // Twice: the mixed derivative counts for both orders.
+                // Twice, because the thin-plate energy has the mixed derivative in both orders.
                 let second = 2.0 * k * weight * twist(v, i, w);
                 out[i] += second;
                 out[i + 1] -= second;
@@ -216,7 +219,7 @@ impl System<'_> {
         diagonal
     }
 
-    /// Conjugate gradients, preconditioned by the diagonal, from `x` on.
+    /// Conjugate gradients with diagonal preconditioner, starting from `x`.
     fn solve(&self, data: &[f32], x: &mut [f32], steps: usize) {
         let diagonal = self.diagonal();
         let mut product = vec![0.0; x.len()];
@@ -259,7 +262,7 @@ mod tests {
 
     const HOW: Completion = Completion { stiffness: 20.0, power: 4.0 };
 
-    /// A wave that no surface has.
+    /// Noise that no smooth surface follows, in [-10, 10].
     fn noise(x: usize, y: usize) -> f32 {
         (((x * 37 + y * 91) % 53) as f32 / 26.5 - 1.0) * 10.0
     }

@@ -1,14 +1,14 @@
-//! The device on which tensors live.
+//! The device of the tensors.
 
 use crate::NetError;
 
-/// A processor or a GPU.
+/// The CPU or a GPU.
 pub type Device = tch::Device;
 
-/// Opens `auto` (a GPU if there is one, else the processor), `cpu`, `cuda` or `cuda:N`.
+/// Opens `auto` (a GPU if there is one, else the CPU), `cpu`, `cuda` or `cuda:N`.
 ///
 /// # Errors
-/// If the name is none of these, or the GPU asked for is not there.
+/// If the name is none of these, or the requested GPU is not available.
 pub fn open_device(name: &str) -> Result<Device, NetError> {
     let unavailable = |reason: &str| NetError::Device { wanted: name.to_owned(), reason: reason.to_owned() };
     match name {
@@ -29,14 +29,14 @@ pub fn open_device(name: &str) -> Result<Device, NetError> {
                 Ok(Device::Cuda(index))
             } else {
                 Err(unavailable(
-                    "libtorch sees no such GPU; `cargo xtask setup --cuda` brings the libtorch that can use one",
+                    "libtorch finds no such GPU; `cargo xtask setup --cuda` installs a libtorch that can use one",
                 ))
             }
         }
     }
 }
 
-/// A short name for people: `cpu`, `cuda:0`.
+/// The short name of a device, to display: `cpu`, `cuda:0`.
 #[must_use]
 pub fn device_name(device: Device) -> String {
     match device {
@@ -45,8 +45,8 @@ pub fn device_name(device: Device) -> String {
     }
 }
 
-/// Nothing links libtorch's GPU part, so it must be loaded before the first question about GPUs. Where
-/// the libtorch in use has none, there is nothing to load.
+/// Loads libtorch's GPU library, which the program is not linked with, before the first query for GPUs. Does nothing
+/// if the libtorch in use has no GPU library.
 fn load_cuda() {
     // SAFETY: the library's initialisers register kernels with the libtorch that is loaded already.
     if let Ok(library) = unsafe { libloading::Library::new("libtorch_cuda.so") } {

@@ -1,4 +1,4 @@
-//! A photograph as the network sees it: its features at the strides of the image pyramid.
+//! Encoding: the features of a photograph at the strides of the image pyramid.
 
 use tch::{Kind, TchError, Tensor};
 use vamvs_core::roi::PixelBox;
@@ -7,30 +7,33 @@ use vamvs_core::{Grid, Intrinsics, Photo, Pinhole, Pose, Rgb, Size};
 use crate::native;
 use crate::{Device, Iteration, Manifest, NetError, Network};
 
-/// The paper's stride of the coarse features, the largest of all, and the multiple to which images are padded.
+/// The stride of the paper's coarse features, which is the largest stride. Images are padded to a multiple of it.
 pub const COARSE_SCALE: usize = 8;
 
 /// The strides of the flow features.
 pub const FLOW_SCALES: [usize; 3] = [2, 4, 8];
 
-/// The features of a photograph, with its camera.
+/// The features of a photograph, with its camera. The network may see the photograph enlarged (see
+/// [`Network::enlarge`]); sizes, strides and the camera are then those of the enlarged photograph.
 #[derive(Debug)]
 pub struct EncodedView {
-    /// How many times larger than the photograph all that follows is.
+    /// The factor by which the photograph was enlarged.
     pub(crate) enlarge: usize,
     /// The camera of the enlarged photograph.
     pub camera: Pinhole,
-    /// Its pose.
+    /// The camera's pose.
     pub cam_from_world: Pose,
-    /// Width and height after the photograph was padded to a multiple of 8 on the right and at the bottom.
+    /// Width and height, W and H, after padding on the right and at the bottom (to a multiple of 8 pixels of the
+    /// photograph) and enlarging.
     pub(crate) padded: Size,
     /// The stride of the coarse features, s: 8 or 4.
     pub stride: usize,
-    /// (1, C, H/s, W/s), and if the photograph is enlarged, half of that, as it is without that.
+    /// The coarse features, (1, C, H/s, W/s). If the photograph was enlarged by 2, a second entry holds the features
+    /// of the photograph at its own size, (1, C, H/2s, W/2s).
     pub(crate) coarse: Vec<Tensor>,
-    /// (1, C, H/2, W/2), (1, C, H/4, W/4), (1, C, H/8, W/8)
+    /// The flow features, (1, C₁, H/2, W/2), (1, C₂, H/4, W/4), (1, C₃, H/8, W/8).
     pub(crate) flow: [Tensor; 3],
-    /// The photograph at the strides of the flow features, padded.
+    /// The padded image reduced to the strides of the flow features.
     pub(crate) photographs: [Grid<Rgb>; 3],
 }
 
@@ -41,22 +44,22 @@ impl Network {
         self.manifest().feature_stride / self.manifest().coarse_stride
     }
 
-    /// The flow iterations of the manifest, without those at a coarser resolution than the coarse map.
+    /// The flow iterations of the manifest, without those at a coarser resolution than the coarse depth map.
     #[must_use]
     pub fn iterations(&self) -> Vec<Iteration> {
         let Manifest { coarse_stride, iterations, .. } = self.manifest();
         iterations.iter().filter(|iteration| iteration.scale <= *coarse_stride).copied().collect()
     }
 
-    /// Encodes a photograph of any size of at least 32×32 pixels.
+    /// Encodes a photograph of at least 32×32 pixels.
     ///
     /// # Errors
-    /// If the photograph is smaller than that or memory runs out.
+    /// If the photograph is smaller, the module breaks its contract, or memory runs out.
     pub fn encode(&self, photo: &Photo) -> Result<EncodedView, NetError> {
         let size = photo.camera.size;
         if size.width < 32 || size.height < 32 {
             return Err(NetError::Request(format!(
-                "a photograph of {size} pixels is too small: expected 32×32 at least"
+                "a photograph of {size} pixels is too small: expected at least 32×32"
             )));
         }
         let enlarge = self.enlarge();
@@ -90,11 +93,11 @@ impl Network {
 }
 
 impl EncodedView {
-    /// The part of the view inside `region` (pixels of the photograph), its border moved outwards to multiples of 8
-    /// pixels, and where that part lies in the photograph. The features are shared, not copied.
+    /// The part of the view inside `region`, extended outwards to multiples of 8 pixels, and the box of that part.
+    /// Both boxes are in pixels of the photograph. The features are shared, not copied.
     ///
     /// # Errors
-    /// If the region is not inside the image.
+    /// If the region is empty or outside the image.
     pub fn cropped(&self, region: &PixelBox) -> Result<(Self, PixelBox), NetError> {
         let (view, outer) = self.part(&self.enlarged(region))?;
         let reduced = |at: usize| at / self.enlarge;
@@ -102,14 +105,14 @@ impl EncodedView {
         Ok((view, PixelBox { x0: reduced(x0), y0: reduced(y0), x1: reduced(x1), y1: reduced(y1) }))
     }
 
-    /// A region of the photograph in the enlarged one.
+    /// Converts a region from pixels of the photograph to pixels of the enlarged photograph.
     pub(crate) fn enlarged(&self, region: &PixelBox) -> PixelBox {
         let enlarged = |at: usize| at * self.enlarge;
         let PixelBox { x0, y0, x1, y1 } = *region;
         PixelBox { x0: enlarged(x0), y0: enlarged(y0), x1: enlarged(x1), y1: enlarged(y1) }
     }
 
-    /// As [`EncodedView::cropped`], all in pixels of the enlarged photograph.
+    /// As [`EncodedView::cropped`], with both boxes in pixels of the enlarged photograph.
     pub(crate) fn part(&self, region: &PixelBox) -> Result<(Self, PixelBox), NetError> {
         let scale = COARSE_SCALE * self.enlarge;
         let outer = PixelBox {
@@ -120,7 +123,7 @@ impl EncodedView {
         };
         if outer.x0 >= outer.x1 || outer.y0 >= outer.y1 {
             return Err(NetError::Request(format!(
-                "the region {region:?} is empty or outside of the {} image",
+                "the region {region:?} is empty or outside the {} image",
                 self.camera.size
             )));
         }
@@ -161,34 +164,34 @@ impl EncodedView {
         Ok((view, outer))
     }
 
-    /// Bytes that the features take, and the photograph beside them.
+    /// Memory of the features and of the reduced photographs, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        // A pyramid that serves both stages is held once.
+        // A level of the pyramid that serves both stages is counted once.
         let own = |coarse: &&Tensor| self.flow.iter().all(|level| level.data_ptr() != coarse.data_ptr());
         let values: usize = self.flow.iter().chain(self.coarse.iter().filter(own)).map(Tensor::numel).sum();
         let pixels: usize = self.photographs.iter().map(|photograph| photograph.size().area()).sum();
         values * size_of::<f32>() + pixels * size_of::<Rgb>()
     }
 
-    /// The photograph at a stride, if it is one of [`FLOW_SCALES`].
+    /// The photograph reduced by `stride`, if that is one of [`FLOW_SCALES`].
     pub(crate) fn photograph(&self, stride: usize) -> Option<&Grid<Rgb>> {
         let level = FLOW_SCALES.iter().position(|scale| *scale == stride)?;
         Some(&self.photographs[level])
     }
 
-    /// Size of the feature map at a stride.
+    /// Size of the feature map at a stride, padding included.
     pub fn size_at(&self, stride: usize) -> Size {
         Size::new(self.padded.width / stride, self.padded.height / stride)
     }
 
-    /// Intrinsics at the enlarged photograph's size.
+    /// Intrinsics of the enlarged photograph.
     pub(crate) fn intrinsics(&self) -> Intrinsics {
         self.camera.intrinsics
     }
 }
 
-/// The image (1, 3, H, W) at 1/2, 1/4, 1/8.
+/// The image (1, 3, H, W) in [0, 1] averaged down to 1/2, 1/4 and 1/8, as bytes.
 fn photographs(image: &Tensor) -> Result<[Grid<Rgb>; 3], NetError> {
     let mut levels = Vec::new();
     for scale in FLOW_SCALES {
@@ -204,7 +207,7 @@ fn photographs(image: &Tensor) -> Result<[Grid<Rgb>; 3], NetError> {
     Ok(levels.try_into().expect("there are three scales"))
 }
 
-/// (1, 3, H, W) in [0, 1], padded to multiples of 8 by repeating the last column and row.
+/// The image as a tensor (1, 3, H, W) in [0, 1], padded to multiples of 8 by repeating the last column and row.
 fn image_tensor(photo: &Photo) -> Result<Tensor, TchError> {
     let Size { width, height } = photo.image.size();
     let bytes = photo.image.data().as_flattened();
@@ -218,7 +221,7 @@ fn image_tensor(photo: &Photo) -> Result<Tensor, TchError> {
     image.f_replication_pad2d([0, right as i64, 0, bottom as i64])
 }
 
-/// The image enlarged so many times by cubic interpolation.
+/// The image enlarged by the factor `times` with bicubic interpolation.
 fn enlarged(image: &Tensor, times: usize) -> Result<Tensor, TchError> {
     if times == 1 {
         return Ok(image.shallow_clone());

@@ -1,4 +1,4 @@
-//! What can go wrong between a module and its geometry.
+//! The errors of this crate.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -15,22 +15,22 @@ pub enum NetError {
     NotAModule {
         /// The file.
         path: PathBuf,
-        /// libtorch's words.
+        /// libtorch's error.
         source: Libtorch,
     },
-    /// A method of the contract is missing or fails.
+    /// A method of the contract is missing or failed.
     #[error("{module}: method `{method}` is missing or failed; expected {expected} (models/README.md)")]
     Method {
         /// Where the module came from.
         module: String,
         /// The method.
         method: &'static str,
-        /// Its signature by the contract.
+        /// Its signature in the contract.
         expected: &'static str,
-        /// libtorch's words.
+        /// libtorch's error.
         source: Libtorch,
     },
-    /// A method answers with another shape than the contract says.
+    /// A method returned a tensor of another shape than the contract says.
     #[error(
         "{module}: method `{method}` gave a tensor of shape {found:?}, expected {expected} (models/README.md)"
     )]
@@ -39,23 +39,23 @@ pub enum NetError {
         module: String,
         /// The method.
         method: &'static str,
-        /// The shape by the contract.
+        /// The shape in the contract.
         expected: String,
-        /// The shape that came.
+        /// The shape of the tensor.
         found: Vec<i64>,
     },
-    /// The manifest is no JSON of the contract, or contradicts itself.
+    /// The manifest is not the JSON of the contract, or its values are not valid.
     #[error("{module}: its manifest {problem}")]
     Manifest {
         /// Where the module came from.
         module: String,
-        /// What is wrong with it.
+        /// What is wrong with the manifest.
         problem: String,
     },
-    /// The device asked for is not there.
+    /// The requested device is not available.
     #[error("device `{wanted}` is not available: {reason}")]
     Device {
-        /// As asked for.
+        /// The requested name.
         wanted: String,
         /// Why not.
         reason: String,
@@ -63,14 +63,14 @@ pub enum NetError {
     /// The request makes no sense for this network.
     #[error("{0}")]
     Request(String),
-    /// A tensor operation failed: out of memory, as a rule.
+    /// A tensor operation failed, usually because memory ran out.
     #[error(
         "a tensor operation failed (out of memory? try smaller images with --max-size, or fewer --planes)"
     )]
     Tensor(#[source] Libtorch),
 }
 
-/// What libtorch says, without the addresses of its functions that it adds.
+/// An error of libtorch, displayed without the stack trace that libtorch appends.
 #[derive(Debug)]
 pub struct Libtorch(pub TchError);
 

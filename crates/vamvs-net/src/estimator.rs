@@ -1,4 +1,4 @@
-//! From a reference view and its sources to a depth map.
+//! Runs all stages of the network, from a reference view and its source views to a depth map.
 
 use std::num::NonZeroUsize;
 
@@ -18,57 +18,59 @@ use crate::project::depth_of;
 use crate::tensor_grid::to_grid;
 use crate::{EncodedView, Iteration, NetError, Network};
 
-/// How depth maps are made.
+/// The parameters of depth estimation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatorOptions {
-    /// The flow iterations, coarse to fine, none coarser than the coarse map; the last one's scale is the depth
-    /// map's.
+    /// The flow iterations, coarse to fine, none coarser than the coarse depth map. The last one's scale is that of
+    /// the estimated depth map.
     pub iterations: Vec<Iteration>,
-    /// How maps at 1/8 are completed where images are textureless; `None`: not at all.
+    /// Depth completion of the maps at the coarse resolution; `None`: no completion.
     pub completion: Option<Completion>,
-    /// Deviation of colours on one surface, grey values, by which maps are upsampled (joint bilateral);
-    /// `None`: to the nearest pixel.
+    /// Standard deviation of colours on one surface, grey values, for joint bilateral upsampling of the maps;
+    /// `None`: nearest-neighbour upsampling.
     pub guide: Option<f32>,
     /// Memory of one slab of warped features in the plane sweep, bytes.
     pub slab_bytes: usize,
-    /// Points refined at once, hypotheses included.
+    /// Points refined at once, all hypotheses counted.
     pub strip_points: usize,
 }
 
-/// What libtorch keeps beside all tensors once it has run: compiled kernels and the heaps of its threads, bytes.
+// The factors of `Estimator::peak_bytes`, measured.
+
+/// Memory that libtorch keeps apart from tensors once it has run: compiled kernels and the heaps of its threads, bytes.
 const WORKSPACE: usize = 56 << 20;
 
-/// What encoding takes for each pixel of a photograph beside the features, bytes.
+/// Memory of encoding for each pixel of a photograph, the resulting features not counted, bytes.
 const ENCODING: usize = 128;
 
-/// The photograph at 1/2, 1/4 and 1/8, for each 8×8 pixels, bytes.
+/// Memory of the photograph at 1/2, 1/4 and 1/8, for each block of 8×8 pixels, bytes.
 const PHOTOGRAPHS: usize = (16 + 4 + 1) * size_of::<Rgb>();
 
-/// What the sweep takes beside the volume, in slabs: warped features and the layers that relate them.
+/// Memory of the sweep apart from the volume, in slabs: warped features and the layers that relate them.
 const SLABS: usize = 5;
 
-/// The same of a network whose volume is whole, which has few channels and relates them in one step.
+/// As `SLABS`, for a network that regularises the volume as a whole: it has few channels and relates them in one step.
 const SLABS_OF_WHOLE: usize = 2;
 
-/// What regularising takes, in volumes: the volume, the one with the matcher's inputs, and the layers at its own
-/// resolution.
+/// Memory of regularising a whole volume, in volumes: the volume, a copy with the matcher's inputs, and the layers at
+/// full resolution.
 const VOLUMES: usize = 4;
 
-/// The same of a volume of correlations, which has fewer channels than the layers.
+/// As `VOLUMES`, for a volume of correlations, which has fewer channels than the layers.
 const CORRELATIONS: usize = 4;
 
-/// What regularising takes that is done slab by slab, in outputs of the first layers.
+/// Memory of regularising slab by slab, in outputs of the first layers.
 const LAYERS: usize = 11;
 
-/// Planes that wait for the first layers at least, and how often they are held.
+/// The fewest planes that wait for the first layers, and the number of copies of them.
 const WAITING_PLANES: usize = 10;
 const WAITING: usize = 2;
 
-/// What the flow takes for each point, as a multiple of its channels.
+/// Memory of the flow for each point, as a multiple of its channels.
 const POINTS: usize = 4;
 
 impl EstimatorOptions {
-    /// A network's own defaults.
+    /// The defaults of a network, from its manifest.
     #[must_use]
     pub fn of(network: &Network) -> Self {
         Self {
@@ -80,21 +82,21 @@ impl EstimatorOptions {
         }
     }
 
-    /// Whether depth maps are as with the network's own defaults: slabs and strips change nothing.
+    /// Whether these options give the same depth maps as the network's defaults; slabs and strips do not matter.
     fn is_of(&self, network: &Network) -> bool {
         let Self { slab_bytes, strip_points, .. } = *self;
         *self == Self { slab_bytes, strip_points, ..Self::of(network) }
     }
 }
 
-/// What the coarse stage gives.
+/// The output of the coarse stage.
 #[derive(Debug)]
 pub struct Coarse {
-    /// The depth at 1/8.
+    /// The coarse depth map, (h, w).
     pub map: PlaneMap,
-    /// The costs of the planes, (1, D, h, w), low is likely.
+    /// The costs of the planes, (1, D, h, w); a low cost is likely.
     pub costs: Tensor,
-    /// vis-var: each source view's mask, (1, 1, h, w) in [0, 1]; else empty.
+    /// vis-var and vis-corr: the visibility mask of each source view, (1, 1, h, w) in [0, 1]; else empty.
     pub visibility: Vec<Tensor>,
 }
 
@@ -109,7 +111,7 @@ impl Estimator {
     /// An estimator.
     ///
     /// # Errors
-    /// If the options make no sense.
+    /// If the iterations are malformed, or one of them is coarser than the coarse depth map.
     pub fn new(network: Network, options: EstimatorOptions) -> Result<Self, NetError> {
         check_iterations(&options.iterations)
             .map_err(|problem| NetError::Request(format!("the list of iterations {problem}")))?;
@@ -131,12 +133,12 @@ impl Estimator {
         &self.network
     }
 
-    /// The network, to set its mode or manifest; for another coarse stride make another estimator.
+    /// The network, to set its mode or manifest. Do not change its coarse stride here: make another estimator.
     pub fn network_mut(&mut self) -> &mut Network {
         &mut self.network
     }
 
-    /// The network, back.
+    /// Gives the network back.
     #[must_use]
     pub fn into_network(self) -> Network {
         self.network
@@ -148,8 +150,7 @@ impl Estimator {
         &self.options
     }
 
-    /// The scales of the stages, each once, the coarsest first: a map's size is the photograph's divided by its
-    /// scale.
+    /// The distinct scales of the stages, the coarsest first. A map's size is the photograph's divided by its scale.
     #[must_use]
     pub fn scales(&self) -> Vec<usize> {
         let iterations = self.iterations().into_iter().map(|iteration| iteration.scale);
@@ -159,24 +160,24 @@ impl Estimator {
         scales
     }
 
-    /// The iterations of the options, with scales of the photograph as the network sees it.
+    /// The iterations of the options, with scales relative to the enlarged photograph that the network sees.
     #[must_use]
     pub fn iterations(&self) -> Vec<Iteration> {
         let of = |&Iteration { scale, step }: &_| Iteration { scale: scale * self.network.enlarge(), step };
         self.options.iterations.iter().map(of).collect()
     }
 
-    /// The options, to change them.
+    /// The options, mutable.
     pub fn options_mut(&mut self) -> &mut EstimatorOptions {
         &mut self.options
     }
 
-    /// About the most memory that a depth map takes, bytes, features of its photographs included, beside what the
-    /// loaded network takes: of `views` photographs of `size` pixels, with `planes` planes.
+    /// Estimates the peak memory of a depth map from `views` photographs of `size` pixels with `planes` planes, bytes.
+    /// The features of the photographs are included, the loaded network is not.
     ///
-    /// That is the features of all views and the largest of: encoding a photograph; the sweep; regularising its volume;
-    /// the points of a strip. The factors are measured on the networks that are built in, where the estimate is
-    /// between 0.9 and 1.3 of the peak.
+    /// The estimate is the features of all views plus the largest of these: encoding a photograph; the sweep and the
+    /// regularisation of its volume; the points of a strip. The factors were measured on the built-in networks, for
+    /// which the estimate is between 0.9 and 1.3 of the peak.
     #[must_use]
     pub fn peak_bytes(&self, size: Size, views: usize, planes: usize) -> usize {
         let (channels, value, enlarge) =
@@ -192,7 +193,7 @@ impl Estimator {
         WORKSPACE + features + encoding.max(self.coarse_bytes(pixels, planes)).max(flow)
     }
 
-    /// What the coarse stage takes for a map of `pixels`, bytes.
+    /// Memory of the coarse stage for a coarse map of `pixels` pixels, bytes.
     fn coarse_bytes(&self, pixels: usize, planes: usize) -> usize {
         let (channels, value) = (self.network.channel_counts(), size_of::<f32>());
         let volume = channels.volume * planes * pixels * value;
@@ -209,8 +210,8 @@ impl Estimator {
         (first_layers + SLABS * slab + WAITING * waiting).max(LAYERS * first_layers)
     }
 
-    /// The depth map of `reference` by comparison with `sources` on `planes`, at the scale of the last
-    /// iteration (the coarse stride if there are none), with the camera of that size.
+    /// Estimates the depth map of `reference` from `sources` on `planes`, at the scale of the last iteration (the
+    /// coarse stride if there are no iterations). Its camera has the size of the map.
     ///
     /// # Errors
     /// If there are no sources, the module breaks its contract, or memory runs out.
@@ -224,8 +225,8 @@ impl Estimator {
         Ok(self.estimate_seen(reference, sources, planes, profile)?.0)
     }
 
-    /// As [`Estimator::estimate`], with what each source view sees of the reference's pixels, in [0, 1], at the coarse
-    /// resolution; empty unless the aggregation weighs views.
+    /// As [`Estimator::estimate`], and also returns the visibility of the reference view's pixels in each source view,
+    /// in [0, 1], at the coarse resolution. The list is empty unless the aggregation weighs views.
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -245,7 +246,7 @@ impl Estimator {
         })
     }
 
-    /// Checks that there is something to compare.
+    /// Checks that there are enough source views and planes.
     pub(crate) fn check(&self, sources: &[&EncodedView], planes: &Planes) -> Result<(), NetError> {
         if sources.is_empty() {
             return Err(NetError::Request("a depth map needs at least one source view".to_owned()));
@@ -256,7 +257,7 @@ impl Estimator {
         Ok(())
     }
 
-    /// The coarse map and the map after each iteration, in plane coordinates; `seen` as for
+    /// The coarse map (completed, if the options say so) and the map after each iteration; `seen` as for
     /// [`Estimator::coarse`].
     ///
     /// # Errors
@@ -272,7 +273,7 @@ impl Estimator {
         Ok(self.stages_seen(reference, sources, planes, seen, profile)?.0)
     }
 
-    /// The same, and the masks of the coarse stage.
+    /// As [`Estimator::stages`], with the visibility masks of the coarse stage.
     fn stages_seen(
         &self,
         reference: &EncodedView,
@@ -291,7 +292,8 @@ impl Estimator {
         Ok((stages, visibility))
     }
 
-    /// One iteration on the map before it, and what the network asks for around it.
+    /// Runs one iteration on the depth map `before`, with the upsampling before it and the completion after it that
+    /// the options ask for.
     pub(crate) fn iterate(
         &self,
         stage: &FlowStage<'_>,
@@ -309,7 +311,7 @@ impl Estimator {
         Ok(refined)
     }
 
-    /// A map at 1/8 with its textureless surfaces completed, if that is asked for.
+    /// Completes textureless surfaces in a map at the coarse resolution, if the options ask for it.
     pub(crate) fn completed(
         &self,
         map: PlaneMap,
@@ -323,10 +325,12 @@ impl Estimator {
         }
     }
 
-    /// The coarse map (sections 3.1 and 3.2). With a coarse stride of 4, costs are a mean of theirs, which count as much
-    /// as they are confident, and of those of a coarse stride of 8, which know better where photographs are blurred or cameras
-    /// rough. For vis-var, `seen` are visibility masks (1, 1, h, w), one a source view, to be used instead of the
-    /// network's own.
+    /// The coarse stage (sections 3.1 and 3.2).
+    ///
+    /// If photographs are enlarged (a coarse stride of 4 with features of stride 8), the costs at the fine stride are
+    /// blended with those at twice that stride, by the confidence of the fine ones; the wider ones are better where
+    /// photographs are blurred or cameras inaccurate. For vis-var and vis-corr, the visibility masks `seen`,
+    /// (1, 1, h, w) for each source view, replace the network's own.
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -354,8 +358,8 @@ impl Estimator {
         Ok(Coarse { map, costs, visibility })
     }
 
-    /// One flow iteration (sections 3.3 and 3.4), with the masks of the coarse stage. If the network asks for it, only
-    /// the first sources are looked at.
+    /// The inputs of one flow iteration (sections 3.3 and 3.4), with the visibility masks of the coarse stage. If the
+    /// manifest has `flow_sources`, only that many of the first source views are used.
     #[must_use]
     pub fn flow_stage<'a>(
         &'a self,
@@ -371,13 +375,14 @@ impl Estimator {
         FlowStage { network: &self.network, reference, sources, planes, visibility, iteration, strip_rows }
     }
 
-    /// Rows of a strip that holds `strip_points` points.
+    /// Rows of a strip of about `strip_points` points, at least 8.
     fn strip_rows(&self, reference: &EncodedView) -> usize {
         let hypotheses = 2 * self.network.manifest().hypotheses + 1;
         (self.options.strip_points / (hypotheses * reference.size_at(reference.stride).width)).max(8)
     }
 
-    /// The confidence as the share of pixels that are right, if the network was calibrated with what was run.
+    /// The calibrated confidence, if the network has a calibration and the options are those it was made with; else the
+    /// confidence as it is.
     pub(crate) fn calibrated(&self, confidence: Grid<f32>) -> Grid<f32> {
         let manifest = self.network.manifest();
         match &manifest.calibration {
@@ -418,7 +423,7 @@ impl Estimator {
     }
 }
 
-/// A mask (1, 1, h, w) at half its size.
+/// A mask (1, 1, h, w) averaged down to half its size.
 fn halved(mask: &Tensor) -> Result<Tensor, TchError> {
     mask.f_avg_pool2d([2, 2], [2, 2], [0, 0], false, true, None)
 }

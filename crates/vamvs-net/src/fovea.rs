@@ -1,7 +1,8 @@
-//! Foveated depth (section 4.5): the whole image coarsely, finer iterations only around and inside a region.
+//! Foveated depth (section 4.5): coarse depth for the whole image, finer iterations only in and around a region.
 //!
-//! The coarse map is of the whole image, the one at the last scale of the region alone, and those between
-//! of the region grown by a share of its size: a cloud of several densities, at the cost of the region.
+//! The coarse map covers the whole image, the map at the finest scale covers the region alone, and the maps at
+//! scales between cover the region grown by a fraction of its size. The result is a cloud of several densities
+//! at about the cost of the region.
 
 use tch::Tensor;
 use vamvs_core::roi::PixelBox;
@@ -14,30 +15,31 @@ use crate::project::depth_of;
 use crate::tensor_grid::to_grid;
 use crate::{Coarse, EncodedView, Estimator, NetError};
 
-/// What a region grows by, to each side, for every scale above the last: a share of its size.
+/// A map at `scale` covers the region grown on each side by GROWTH · (scale / finest scale − 1) of its size.
 const GROWTH: f64 = 0.25;
 
-/// Pixels of the encoded image around a region that are computed too, so that its border has neighbours.
+/// The halo around a region that is computed too, so that points at its border have neighbours: pixels of the
+/// enlarged photograph.
 const MARGIN: usize = 32;
 
-/// The map of a part of the image at one scale.
+/// The depth map of a part of the image at one scale. Boxes are in pixels of the enlarged photograph.
 struct Layer {
     scale: usize,
-    /// The part that was computed: image pixels, multiples of 8.
+    /// The part that was computed, halo included; its sides are multiples of 8.
     computed: PixelBox,
-    /// The part that is shown: image pixels.
+    /// The part that is output.
     shown: PixelBox,
     map: PlaneMap,
 }
 
 impl Estimator {
-    /// The depth of `reference` with all iterations inside `region` (image pixels), and fewer outside: one
-    /// depth map for each resolution, the coarsest first and the last of the size of
-    /// [`Estimator::estimate`]'s. Each has depth only where no finer one has, so together they show every
-    /// part of the image once. Without a region there is the coarse map alone.
+    /// Estimates the depth of `reference` with all iterations inside `region` (pixels of the photograph) and
+    /// fewer outside it. Returns one depth map for each resolution, the coarsest first; the last has the size
+    /// that [`Estimator::estimate`] gives. Each map has depth only where no finer one has, so together they cover
+    /// every part of the image once. Without a region there is one map, at the coarse resolution.
     ///
     /// # Errors
-    /// As [`Estimator::estimate`], and if the region is outside of the image.
+    /// As [`Estimator::estimate`], and if the region is outside the image.
     pub fn estimate_foveated(
         &self,
         reference: &EncodedView,
@@ -55,7 +57,7 @@ impl Estimator {
         })
     }
 
-    /// The map of each resolution, the coarsest first, and the confidence of the coarse stage.
+    /// The map of each resolution, the coarsest first, and the confidence of the coarse stage, (h, w).
     fn layers(
         &self,
         reference: &EncodedView,
@@ -95,7 +97,7 @@ impl Estimator {
         Ok((layers, confidence))
     }
 
-    /// A layer as a depth map of the whole image, with depth where the layer is shown and no `finer` one.
+    /// A layer as a depth map of the whole image, with depth where the layer is output and outside the `finer` one.
     fn layer_map(
         &self,
         reference: &EncodedView,
@@ -131,7 +133,7 @@ impl Estimator {
 }
 
 impl Layer {
-    /// The map of `part`, which was computed.
+    /// The plane coordinates of `part`, which lies inside the computed part.
     fn cut(&self, part: PixelBox) -> Result<Tensor, NetError> {
         let PixelBox { x0, y0, x1, y1 } = part;
         let inside = PixelBox {
@@ -148,7 +150,7 @@ fn holds(region: &PixelBox, (x, y): (usize, usize)) -> bool {
     (region.x0..region.x1).contains(&x) && (region.y0..region.y1).contains(&y)
 }
 
-/// The region grown by a share of its size and by pixels to each side, inside the image.
+/// The region grown on each side by a fraction of its size plus a number of pixels, and clipped to the image.
 fn grown(region: PixelBox, share: f64, pixels: usize, image: Size) -> PixelBox {
     let more = |side: usize| (share * side as f64).round() as usize + pixels;
     let (x, y) = (more(region.width()), more(region.height()));
@@ -160,7 +162,7 @@ fn grown(region: PixelBox, share: f64, pixels: usize, image: Size) -> PixelBox {
     }
 }
 
-/// The part of a map at 1/scale, whose rows are dimension `rows` and whose columns are the next.
+/// Cuts `part` (image pixels) from a map at 1/scale whose rows are dimension `rows` and columns the next one.
 fn cut(map: &Tensor, rows: i64, part: PixelBox, scale: usize) -> Result<Tensor, NetError> {
     let of = |pixels: usize| (pixels / scale) as i64;
     let part_rows = map.f_narrow(rows, of(part.y0), of(part.height()))?;

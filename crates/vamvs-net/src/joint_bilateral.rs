@@ -1,32 +1,33 @@
-//! Joint bilateral upsampling: a depth map at twice its size, its edges those of the photograph.
+//! Joint bilateral upsampling: doubles the size of a depth map and aligns its edges with those of the photograph.
 //!
-//! Where a window of a coarse map holds two surfaces, a pixel belongs to the one whose pixels look like it: its
-//! depth is the weighted median of the window's, weighted by likeness of colour and nearness. Everywhere else
-//! the nearest pixel's depth stays.
+//! If a window of the coarse map contains two surfaces, a fine pixel takes the median of the window's depths,
+//! weighted by similarity of colour and by distance, so it joins the surface whose colour it has. Everywhere else
+//! it takes the depth of the nearest coarse pixel.
 
 use rayon::prelude::*;
 
 use vamvs_core::{Grid, Rgb, Size};
 
-/// Pixels of the coarse map to each side of a pixel.
+/// Radius of the window, coarse pixels.
 const RADIUS: usize = 2;
 const WINDOW: usize = (2 * RADIUS + 1) * (2 * RADIUS + 1);
 
-/// Deviation of distances, coarse pixels.
+/// Standard deviation of the distance weight, coarse pixels.
 const DISTANCE: f32 = 1.2;
-/// Weight of a pixel of another colour.
+/// Added to every weight, so that the weights never sum to zero.
 const LEAST: f32 = 1e-9;
 
-/// How a map is upsampled.
+/// The parameters of the upsampling.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guidance {
-    /// Deviation of colours on one surface, grey values.
+    /// Standard deviation of the colour weight, grey values.
     pub colour: f32,
-    /// Depths in a window that differ by more are of two surfaces.
+    /// A window whose depths differ by more than this contains two surfaces; in the unit of the depths.
     pub jump: f32,
 }
 
-/// `u`, a map of photograph `coarse`, at the size of `fine`, the same photograph at twice the size.
+/// Upsamples `u`, the depth map of the photograph `coarse`, to the size of `fine`, the same photograph at twice the
+/// size.
 #[must_use]
 pub fn upsample(u: &Grid<f32>, coarse: &Grid<Rgb>, fine: &Grid<Rgb>, guidance: Guidance) -> Grid<f32> {
     let mut out = Grid::filled(fine.size(), 0.0);
@@ -66,7 +67,7 @@ fn pixel(u: &Grid<f32>, coarse: &Grid<Rgb>, fine: &Grid<Rgb>, [x, y]: [usize; 2]
     weighted_median(&mut candidates[..count])
 }
 
-/// The value at which half of the weight is reached.
+/// The weighted median of (value, weight) pairs, which are sorted by value.
 fn weighted_median(candidates: &mut [(f32, f32)]) -> f32 {
     candidates.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let half = 0.5 * candidates.iter().map(|(_, weight)| weight).sum::<f32>();
@@ -89,7 +90,7 @@ mod tests {
     #[test]
     fn an_edge_inside_a_coarse_pixel_comes_to_lie_where_colours_change() {
         let (coarse_size, fine_size) = (Size::new(12, 8), Size::new(24, 16));
-        // The edge is at fine column 13, in the middle of coarse column 6, which the map gives to the wrong side.
+        // The edge is at fine column 13, in the middle of coarse column 6, all of which has the left depth in the map.
         let fine = Grid::from_fn(fine_size, |x, _| if x < 13 { [20; 3] } else { [230; 3] });
         let coarse = Grid::from_fn(coarse_size, |x, _| match x {
             0..6 => [20; 3],

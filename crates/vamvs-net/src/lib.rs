@@ -1,15 +1,15 @@
-//! The visibility-aware point-based network (Chen et al., TPAMI 2020): from a reference photograph and
-//! its source photographs to a depth map.
+//! The visibility-aware point-based network (Chen et al., TPAMI 2020): from a reference view and its source
+//! views to a depth map.
 //!
-//! What is learned is a TorchScript module ([`Network`], the contract is in `models/README.md`); the
-//! geometry between its methods is here, the same for inference and for training. In the order in which
-//! data flows: [`Network::encode`] makes the features of a photograph, [`cost_volume`] sweeps planes
-//! through them, [`coarse`] turns the volume into a depth, [`point_flow`] refines it on a cloud of
-//! hypothesised points, and [`Estimator`] runs the whole,
-//! or with [`fovea`] most of it in a region only.
+//! The learned part is a TorchScript module ([`Network`]; `models/README.md` is its contract). This crate has
+//! the geometry between the module's methods, the same for inference and for training. In the order in which
+//! data flows: [`Network::encode`] computes the features of a photograph, [`cost_volume`] sweeps planes
+//! through them, [`coarse`] turns the regularised costs into a coarse depth map, and [`point_flow`] refines it
+//! on a cloud of hypothesised points. [`Estimator`] runs all stages; its [`fovea`] variant runs the finer ones
+//! in a region only.
 //!
-//! Depth is in plane coordinates (see [`vamvs_core::planes`]) throughout, and points are normalised
-//! by the reference view's depth range, so nothing depends on the scene's scale or frame.
+//! Depth is in plane coordinates throughout (see [`vamvs_core::planes`]), and points are normalised by the
+//! reference view's depth range, so nothing depends on the scene's scale or frame.
 
 pub mod aggregate;
 pub mod coarse;

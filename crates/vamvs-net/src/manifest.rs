@@ -1,4 +1,4 @@
-//! What a module says of itself.
+//! The manifest, which describes a module.
 
 use std::num::NonZeroUsize;
 
@@ -11,56 +11,57 @@ use crate::{Aggregation, MonotoneMap, NetError};
 /// The version of the contract between modules and this crate.
 pub const CONTRACT: u32 = 1;
 
-/// A module's manifest, JSON in the module.
+/// A module's manifest, which the module stores as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// The version of the contract that the module was written for.
     pub contract: u32,
     /// The network's name.
     pub name: String,
-    /// How features of several views become one (figure 3).
+    /// How the features of several views are aggregated (figure 3).
     pub aggregation: Aggregation,
-    /// Nearest neighbours of a point, k.
+    /// Number of nearest neighbours of a point, k.
     pub neighbours: usize,
-    /// Hypotheses to each side of a point, m; 0: `flow` gives the offset itself, in steps of the iteration
+    /// Number of hypotheses to each side of a point, m; 0: `flow` gives the offset itself, in steps of the iteration
     /// (direct regression, table 8).
     pub hypotheses: usize,
     /// The number of layers of `flow` that gather from a point's neighbours; each widens the receptive field by one
     /// neighbourhood.
     pub flow_layers: usize,
-    /// Whether the module regularises a volume that is never whole, by `regularize_slab` and `regularize_slabs`.
+    /// Whether the module has `regularize_slab` and `regularize_slabs`, which regularise a volume that is never held
+    /// as a whole.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub slabs: bool,
-    /// Of the channels that `relate` gives, the last so many are averaged over the source views, whatever the
-    /// aggregation (vis-avg, vis-max).
+    /// vis-avg, vis-max: this many of the last channels of `relate` are averaged over the source views, whatever the
+    /// aggregation of the others; not in the paper.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub averaged: usize,
-    /// The coarse depth is the expectation over the planes within so many of the likeliest; absent: over all
-    /// planes, as in the paper.
+    /// The soft-argmin of the coarse stage is taken over the planes within this many of the most probable one; absent:
+    /// over all planes, as in the paper.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window: Option<usize>,
-    /// Stride of the coarse depth map, pixels of the photograph: 8 or 4; absent: 8, as in the paper. Where it is half of
-    /// `feature_stride`, the network sees the photograph enlarged twofold.
+    /// Stride of the coarse depth map, pixels of the photograph: 8 or 4; absent: 8, as in the paper. If it is half of
+    /// `feature_stride`, the network sees the photograph at twice its size.
     #[serde(alias = "cells", default = "paper_stride", skip_serializing_if = "is_paper_stride")]
     pub coarse_stride: usize,
     /// Stride of the coarse features in the image that the network sees: 8 or 4; absent: 8, as in the paper.
     #[serde(alias = "stride", default = "paper_stride", skip_serializing_if = "is_paper_stride")]
     pub feature_stride: usize,
-    /// vis-corr: channels that are correlated together; every level of features has a multiple of it.
+    /// vis-corr: number of channels in a group; the channels of every level of features are a multiple of it.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub group: usize,
-    /// With how many planes the network is meant to be used; runs choose theirs from the cameras.
+    /// The number of planes for which the network is meant; runs choose theirs from the cameras.
     pub planes: usize,
-    /// The flow iterations by default; those with larger pixels than the coarse map's are left out.
+    /// The default flow iterations; those coarser than the coarse depth map are skipped.
     pub iterations: Vec<Iteration>,
-    /// How maps at 1/8 are completed where images are textureless; absent: not at all.
+    /// Depth completion on textureless surfaces, for maps at the coarse resolution; absent: none, as in the paper.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub completion: Option<Completion>,
-    /// Deviation of colours on one surface, grey values, for joint bilateral upsampling;
-    /// absent: to the nearest pixel.
+    /// Standard deviation of colours on one surface, grey values, for joint bilateral upsampling; absent:
+    /// nearest-neighbour upsampling, as in the paper.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub guide: Option<f32>,
-    /// The flow looks at so many of the source views, those that are given first; absent: at all, as in the paper.
+    /// The flow uses only this many source views, the first ones; absent: all, as in the paper.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flow_sources: Option<NonZeroUsize>,
     /// The licence of the weights.
@@ -69,7 +70,8 @@ pub struct Manifest {
     pub trained_on: String,
     /// Measured scores.
     pub scores: serde_json::Map<String, serde_json::Value>,
-    /// From the confidence after the last of `iterations` to the share of pixels that are right.
+    /// The calibration: maps the confidence after the last of `iterations` to the fraction of pixels with an error of
+    /// at most 1 %. Absent: not calibrated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<MonotoneMap>,
 }
@@ -92,7 +94,7 @@ fn is_zero(count: &usize) -> bool {
 pub struct Iteration {
     /// The depth map's size is the photograph's divided by this: 8, 4, 2 or 1.
     pub scale: usize,
-    /// Distance between hypotheses, in plane distances (s).
+    /// Distance s between hypotheses, in plane distances.
     pub step: f64,
 }
 
@@ -100,7 +102,7 @@ impl Manifest {
     /// Parses and checks a manifest.
     ///
     /// # Errors
-    /// If it is no JSON of the contract, of another version, or absurd.
+    /// If it is not the JSON of the contract, has another contract version, or has a value out of range.
     pub fn parse(json: &str, module: &str) -> Result<Self, NetError> {
         let wrong = |problem: String| NetError::Manifest { module: module.to_owned(), problem };
         let manifest: Self = serde_json::from_str(json)
@@ -118,7 +120,7 @@ impl Manifest {
             )));
         }
         check_strides(manifest.coarse_stride, manifest.feature_stride)
-            .map_err(|problem| wrong(format!("is not to be used: {problem}")))?;
+            .map_err(|problem| wrong(format!("cannot be used: {problem}")))?;
         if manifest.aggregation.correlates() && !(1..=256).contains(&manifest.group) {
             let group = manifest.group;
             return Err(wrong(format!("correlates groups of {group} channels: expected 1 to 256 (group)")));
@@ -147,7 +149,7 @@ impl Manifest {
     }
 }
 
-/// Checks that the coarse stride is the stride of the coarse features, or half of it.
+/// Checks that the feature stride is 8 or 4, and the coarse stride equal to it, or 4 with a feature stride of 8.
 pub(crate) fn check_strides(coarse: usize, features: usize) -> Result<(), String> {
     match (coarse, features) {
         (8, 8) | (4, 8 | 4) => Ok(()),
@@ -159,7 +161,7 @@ pub(crate) fn check_strides(coarse: usize, features: usize) -> Result<(), String
     }
 }
 
-/// Checks that scales are 8, 4, 2 or 1 and do not grow, and that steps are positive.
+/// Checks that scales are 8, 4, 2 or 1 and do not increase, and that steps are positive.
 pub(crate) fn check_iterations(iterations: &[Iteration]) -> Result<(), String> {
     let mut before = COARSE_SCALE;
     for Iteration { scale, step } in iterations {

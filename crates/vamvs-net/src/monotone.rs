@@ -1,24 +1,24 @@
-//! Functions that never fall: what turns a network's confidence into a probability.
+//! Non-decreasing functions, which calibrate a network's confidence to a probability.
 
 use serde::{Deserialize, Serialize};
 
-/// A function that never falls: linear between knots `[x, y]`, constant beyond the first and the last.
+/// A non-decreasing function: linear between knots `[x, y]`, constant before the first and after the last.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<[f64; 2]>", into = "Vec<[f64; 2]>")]
 pub struct MonotoneMap {
     knots: Vec<[f64; 2]>,
 }
 
-/// Why knots make no such function.
+/// Why knots do not make a non-decreasing function.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum KnotsError {
-    /// There are none.
+    /// There are no knots.
     #[error("expected at least one knot [x, y], found none")]
     None,
     /// A number is not finite.
     #[error("expected finite numbers, found the knot [{}, {}]", .0[0], .0[1])]
     NotFinite([f64; 2]),
-    /// Knots are not in order.
+    /// x does not increase, or y decreases.
     #[error("expected x to grow and y not to fall, found [{}, {}] after [{}, {}]", .after[0], .after[1], .before[0], .before[1])]
     Falling {
         /// A knot.
@@ -32,7 +32,7 @@ impl MonotoneMap {
     /// The function with these knots.
     ///
     /// # Errors
-    /// If there are none, or they are not finite, or not in order.
+    /// If there are no knots, or they are not finite or not in order.
     pub fn try_new(knots: Vec<[f64; 2]>) -> Result<Self, KnotsError> {
         if knots.is_empty() {
             return Err(KnotsError::None);
@@ -47,10 +47,10 @@ impl MonotoneMap {
         }
     }
 
-    /// The function that fits outcomes best: for each `x`, the share of outcomes that are true, by least
-    /// squares among all functions that never fall (isotonic regression, by pooling adjacent violators).
-    /// Outcomes are taken together in at most `groups` groups of neighbouring x and of the same size.
-    /// `None` without outcomes.
+    /// Fits outcomes `(x, true or false)` by isotonic regression: the value at `x` is the fraction of true outcomes
+    /// there, in the least-squares sense among all non-decreasing functions (pool adjacent violators). Outcomes are
+    /// first averaged in at most `groups` groups of neighbouring x and equal size. Outcomes whose x is not finite are
+    /// ignored; `None` if none is left.
     #[must_use]
     pub fn fit(mut outcomes: Vec<(f32, bool)>, groups: usize) -> Option<Self> {
         outcomes.retain(|(x, _)| x.is_finite());
@@ -79,7 +79,7 @@ impl MonotoneMap {
     }
 }
 
-/// Neighbouring outcomes with one value.
+/// Neighbouring outcomes that share one fitted value: the sum of their x, and the counts of true ones and of all.
 struct Pool {
     x: f64,
     right: f64,
@@ -95,7 +95,7 @@ impl Pool {
         }
     }
 
-    /// Whether it lies before `other` with a smaller value.
+    /// Whether it is before `other` and has a smaller value.
     fn is_below(&self, other: &Self) -> bool {
         let ([x0, y0], [x1, y1]) = (self.knot(), other.knot());
         x0 < x1 && y0 < y1
@@ -148,7 +148,7 @@ mod tests {
         }
     }
 
-    /// The best of all functions that never fall on a fine grid of values, by brute force.
+    /// The least squared error of any non-decreasing function on a fine grid of values, by dynamic programming.
     fn brute_force(shares: &[f64]) -> f64 {
         const STEPS: usize = 60;
         let mut best = vec![0.0; STEPS + 1];
@@ -177,7 +177,7 @@ mod tests {
 
     #[test]
     fn outcomes_of_a_known_probability_give_it_back() {
-        // Right with probability x²: the k-th of ten at each x is right if k < 10 x².
+        // True with probability x²: of the 100 outcomes at each x, those with k + 0.5 < 100 x² are true.
         let outcomes = (0..=1000).flat_map(|i| {
             let x = i as f32 / 1000.0;
             (0..100).map(move |k| (x, (k as f32 + 0.5) < 100.0 * x * x))

@@ -1,10 +1,11 @@
-//! PointFlow (sections 3.3, 3.4): depth refined on a cloud of hypothesised points.
+//! PointFlow (sections 3.3, 3.4): refines depth on a cloud of hypothesised points.
 //!
-//! At finer resolutions the neighbourhood keeps its span in the image: it is dilated by 8 / scale. A
-//! dilated window never leaves its phase, a class of pixels with equal coordinates modulo the dilation, so a map at 1/4 falls into 4, one at 1/2
-//! into 16 independent phases, each of the size of the map at 1/8 and each refined by itself. No pixel
-//! is computed twice, and memory does not grow with the resolution. Large phases are cut into strips
-//! of rows that overlap by the network's receptive field.
+//! At finer resolutions a point's neighbourhood keeps its extent in the image: its window is dilated by
+//! stride / scale, where `stride` is that of the coarse features. A dilated window never leaves its dilation phase,
+//! that is, the pixels with equal coordinates modulo the dilation. With a stride of 8, a map at 1/4 therefore splits
+//! into 4 independent phases and one at 1/2 into 16, each of the size of the map at 1/8. Each phase is refined by
+//! itself, so no pixel is computed twice and memory does not grow with the resolution. Large phases are cut into
+//! strips of rows, computed with a halo as wide as the network's receptive field.
 
 use tch::{Kind, TchError, Tensor};
 use vamvs_core::window_knn::WindowKnn;
@@ -19,29 +20,30 @@ use crate::project::{Outside, PixelGrid, Projection, depth_of, sample};
 use crate::script::{CONTEXT_LEVEL, POSITION_CHANNELS};
 use crate::{EncodedView, Iteration, NetError, Network};
 
-/// Pixels to each side of a point in which its neighbours are searched (5 × 5 windows).
+/// Radius of the window in which a point's neighbours are searched, pixels of its phase (5 × 5 windows).
 pub const WINDOW_RADIUS: usize = 2;
 
-/// What one flow iteration works on.
+/// The inputs of one flow iteration.
 pub struct FlowStage<'a> {
     /// The network.
     pub network: &'a Network,
-    /// The view whose depth is sought.
+    /// The reference view.
     pub reference: &'a EncodedView,
-    /// The views it is compared with.
+    /// The source views.
     pub sources: &'a [&'a EncodedView],
-    /// The planes of the sweep, which give the depth coordinate its meaning.
+    /// The planes of the sweep, which define the plane coordinates.
     pub planes: &'a Planes,
-    /// Masks of vis-var and vis-corr at the coarse resolution, one a source view, else empty.
+    /// vis-var and vis-corr: the visibility masks (1, 1, h, w) at the coarse resolution, one for each source view; else
+    /// empty.
     pub visibility: &'a [Tensor],
-    /// Size and step of this iteration.
+    /// Scale and step of this iteration.
     pub iteration: Iteration,
-    /// Rows of a strip.
+    /// Rows of a strip, halo excluded.
     pub strip_rows: usize,
 }
 
 impl FlowStage<'_> {
-    /// Refines a depth map of any resolution, (h, w) in plane coordinates, at the iteration's scale.
+    /// Refines a depth map of any resolution, (h, w) in plane coordinates, and returns it at the iteration's scale.
     ///
     /// # Errors
     /// If the module breaks its contract or memory runs out.
@@ -61,8 +63,8 @@ impl FlowStage<'_> {
         Ok(map)
     }
 
-    /// Refines the pixels whose coordinates are ≡ `(x, y)` modulo 8 / scale, which depend on no others:
-    /// their depths (h, w) in plane coordinates, strip by strip.
+    /// Refines one dilation phase, strip by strip: the pixels whose coordinates are ≡ `(x, y)` modulo stride / scale,
+    /// which depend on no others. `u` are their depths, (h, w) in plane coordinates.
     ///
     /// # Errors
     /// As [`FlowStage::refine`].
@@ -90,8 +92,8 @@ impl FlowStage<'_> {
         join(strips)
     }
 
-    /// One set of points: hypotheses, features, neighbours, flow (equations of section 3.4). No gradient
-    /// flows into the depth before: each iteration learns to improve on what it is given.
+    /// Refines one strip: hypotheses, features, neighbours, flow (equations of section 3.4). No gradient flows into
+    /// the input depth `u`, so each iteration learns only to improve the depth that it is given.
     fn refine_strip(
         &self,
         pixel_grid: &PixelGrid,
@@ -120,8 +122,8 @@ impl FlowStage<'_> {
         })
     }
 
-    /// The points in the reference camera's frame, centred and scaled by its depth range: (3, P), points
-    /// in the order (y, x, hypothesis).
+    /// The points in the reference camera's frame, centred and scaled by the depth range: (3, P), in the order
+    /// (y, x, hypothesis).
     fn points(&self, pixel_grid: &PixelGrid, depth: &Tensor) -> Result<Tensor, TchError> {
         let rays = pixel_grid.rays(&self.reference.camera, depth.device())?; // (1, 3, h·w)
         let points = depth.f_unsqueeze(1)?.f_mul(&rays)?.f_permute([1, 2, 0])?; // (3, h·w, J)
@@ -131,7 +133,7 @@ impl FlowStage<'_> {
         points.f_reshape([3, -1])?.f_sub(&centre.f_view([3, 1])?)?.f_div_scalar(half)
     }
 
-    /// Features of all points with their positions: (1, C'' + 24, P).
+    /// Aggregated features of all points, followed by their positions: (1, C'' + 24, P).
     fn features(&self, pixel_grid: &PixelGrid, depth: &Tensor, points: &Tensor) -> Result<Tensor, NetError> {
         if native::serves(self.network, &self.reference.flow) {
             return self.native_features(pixel_grid, depth, points);
@@ -143,8 +145,7 @@ impl FlowStage<'_> {
         Ok(Tensor::f_cat(&[aggregated, position], 0)?.f_unsqueeze(0)?)
     }
 
-    /// Fetches features afresh at the projections of the points and aggregates them over the views:
-    /// (J, C'', h·w).
+    /// Fetches features at the projections of the points and aggregates them over the views: (J, C'', h·w).
     fn fetch(&self, pixel_grid: &PixelGrid, depth: &Tensor) -> Result<Tensor, NetError> {
         let aggregation = self.network.manifest().aggregation;
         let hypotheses = depth.size()[0];
@@ -178,7 +179,8 @@ impl FlowStage<'_> {
         Ok(aggregated)
     }
 
-    /// vis-corr: the correlations of fetched features (J, C, h·w) with the reference's (1, C, h·w), level by level.
+    /// vis-corr: the correlations of fetched features (J, C, h·w) with the reference view's (1, C, h·w), level by
+    /// level: (J, G, h·w), with G the number of groups in all levels.
     fn correlations(&self, reference: &Tensor, fetched: &Tensor) -> Result<Tensor, TchError> {
         let group = self.network.manifest().group;
         let widths = self.reference.flow.each_ref().map(|level| level.size()[1]);
@@ -189,7 +191,7 @@ impl FlowStage<'_> {
         Tensor::f_cat(&[level(0)?, level(1)?, level(2)?], 1)
     }
 
-    /// As [`FlowStage::features`] by native kernels: the same, points row by row.
+    /// As [`FlowStage::features`], with the native kernels.
     fn native_features(
         &self,
         pixel_grid: &PixelGrid,
@@ -217,7 +219,7 @@ impl FlowStage<'_> {
         self.with_surroundings(&rows, &reference, points)
     }
 
-    /// A source view as the native kernels see it, with its mask at the pixels, (h·w).
+    /// A source view as the native kernels see it; `mask` is its visibility at the pixels, (h·w).
     fn native_source<'b>(
         &self,
         source: &'b EncodedView,
@@ -231,7 +233,8 @@ impl FlowStage<'_> {
         })
     }
 
-    /// Correlations (P, C'') with the reference's own features at 1/4 and the positions beside them: (1, C''' + 24, P).
+    /// vis-corr: joins correlations (P, G), the reference view's own features at 1/4, and the positions:
+    /// (1, C'' + 24, P).
     fn with_surroundings(
         &self,
         rows: &Tensor,
@@ -248,8 +251,8 @@ impl FlowStage<'_> {
         Ok(Tensor::f_cat(&[rows, &context, &position], 1)?.f_tr()?.f_unsqueeze(0)?)
     }
 
-    /// vis-corr: correlations (J, C'', h·w) with the reference's own features at 1/4, of all fetched (1, C, h·w), beside
-    /// them: correlations do not tell what a pixel looks like.
+    /// vis-corr: joins correlations (J, G, h·w) and the reference view's own features at 1/4 (taken from all its
+    /// fetched features, (1, C, h·w)), because correlations do not tell what a pixel looks like.
     fn with_context(&self, correlations: &Tensor, reference: &Tensor) -> Result<Tensor, NetError> {
         let widths = self.reference.flow.each_ref().map(|level| level.size()[1]);
         let first = widths[..CONTEXT_LEVEL].iter().sum();
@@ -258,12 +261,12 @@ impl FlowStage<'_> {
         Ok(Tensor::f_cat(&[correlations, &context], 1)?)
     }
 
-    /// The visibility mask of vis-var or vis-corr, sampled at the grid's pixels: (1, 1, h·w).
+    /// A visibility mask sampled at the pixels of the reference view's sampling grid: (1, 1, h·w).
     fn mask(&self, mask: &Tensor, reference_grid: &Tensor) -> Result<Tensor, TchError> {
         sample(mask, reference_grid, Outside::Border)?.f_flatten(2, 3)
     }
 
-    /// The k nearest neighbours of each point: (1, P, k).
+    /// The indices of the k nearest neighbours of each point: (1, P, k).
     fn neighbours(&self, points: &Tensor, size: Size, hypotheses: i64) -> Result<Tensor, NetError> {
         let k = self.network.manifest().neighbours;
         let on_cpu =
@@ -278,8 +281,9 @@ impl FlowStage<'_> {
     }
 }
 
-/// The offset in steps that the scores (2m + 1, h·w) of the hypotheses tell, and its confidence: their
-/// expectation under softmax(−scores). A single score is the offset itself and says nothing of confidence.
+/// The offset of the depth, in steps s, from the scores (2m + 1, h·w) of the hypotheses: the soft-argmin, with the
+/// probability of the two hypotheses that enclose it as confidence. A single score (m = 0) is the offset itself, with
+/// confidence 1.
 fn offset(scores: &Tensor) -> Result<PlaneMap, TchError> {
     let hypotheses = scores.size()[0];
     if hypotheses == 1 {
@@ -290,7 +294,7 @@ fn offset(scores: &Tensor) -> Result<PlaneMap, TchError> {
     Ok(PlaneMap { u: flow.u.f_sub_scalar((hypotheses / 2) as f64)?, ..flow })
 }
 
-/// All levels at one grid, joined: (B, C₁ + C₂ + C₃, h·w).
+/// All levels of features sampled at one grid, joined: (B, C₁ + C₂ + C₃, h·w).
 fn fetch_levels(levels: &[Tensor; 3], grid: &Tensor, outside: Outside) -> Result<Tensor, TchError> {
     let [half, quarter, eighth] = levels;
     let sampled =
@@ -298,7 +302,7 @@ fn fetch_levels(levels: &[Tensor; 3], grid: &Tensor, outside: Outside) -> Result
     Tensor::f_cat(&sampled, 1)?.f_flatten(2, 3)
 }
 
-/// Strips of rows as one map.
+/// Joins strips of rows into one map.
 fn join(mut strips: Vec<PlaneMap>) -> Result<PlaneMap, NetError> {
     if strips.len() == 1 {
         return Ok(strips.remove(0));
@@ -307,7 +311,7 @@ fn join(mut strips: Vec<PlaneMap>) -> Result<PlaneMap, NetError> {
     Ok(PlaneMap { u: Tensor::f_cat(&u, 0)?, confidence: Tensor::f_cat(&confidence, 0)? })
 }
 
-/// The pixels of (h, w) with coordinates ≡ (x, y) modulo `step`, sharing memory.
+/// The dilation phase of a map (h, w): the pixels with coordinates ≡ (x, y) modulo `step`, sharing memory with it.
 ///
 /// # Errors
 /// If `map` is not of two dimensions.
@@ -315,7 +319,7 @@ pub fn dilation_phase(map: &Tensor, x: usize, y: usize, step: usize) -> Result<T
     map.f_slice(0, y as i64, None, step as i64)?.f_slice(1, x as i64, None, step as i64)
 }
 
-/// Nearest-neighbour upsampling of (h, w).
+/// Nearest-neighbour upsampling of a map (h, w) to `size`.
 ///
 /// # Errors
 /// If memory runs out.
@@ -331,7 +335,7 @@ pub fn upsample_nearest(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
 mod tests {
     use super::*;
 
-    /// The claim of this module's header: phases with plain windows are the map with dilated ones.
+    /// The claim in the module's documentation: plain windows in a phase are dilated windows in the map.
     #[test]
     fn neighbours_in_a_dilation_phase_are_those_in_the_dilated_window() {
         const STEP: usize = 4;

@@ -1,5 +1,5 @@
-//! Post-processing between the stages, for networks whose manifest asks for it: depth completion on textureless
-//! surfaces, and joint bilateral upsampling. Neither is in the paper.
+//! Processing between the stages, for networks whose manifest asks for it: depth completion on textureless surfaces
+//! and joint bilateral upsampling. Neither is in the paper.
 
 use crate::depth_completion::{Completion, complete};
 use crate::joint_bilateral::{Guidance, upsample};
@@ -11,7 +11,7 @@ use crate::point_flow::FlowStage;
 use crate::tensor_grid::{to_grid, to_tensor};
 use crate::{EncodedView, Iteration, NetError};
 
-/// A map at 1/8 with depth completed where confidence is low.
+/// Completes depth where confidence is low, in a map at the coarse resolution of the image that the network sees.
 ///
 /// # Errors
 /// If memory runs out.
@@ -21,13 +21,14 @@ pub(crate) fn completed(
     planes: &Planes,
     how: Completion,
 ) -> Result<PlaneMap, NetError> {
-    let image = reference.photograph(reference.stride).expect("photographs are kept at 1/8 and 1/4");
+    let image = reference.photograph(reference.stride).expect("photographs are kept at 1/2, 1/4 and 1/8");
     let confidence = to_grid(&map.confidence)?;
     let u = to_tensor(&fill(&to_grid(&map.u)?, &confidence, image, planes, how), &map.u)?;
     Ok(PlaneMap { u, confidence: map.confidence })
 }
 
-/// In steps of inverse depth a plane of the world is linear in the pixel's coordinates, so that is what is completed.
+/// Completes `u` in plane coordinates that are uniform in inverse depth, because there a plane in the world is linear
+/// in pixel coordinates.
 fn fill(
     u: &Grid<f32>,
     confidence: &Grid<f32>,
@@ -43,9 +44,9 @@ fn fill(
     complete(&values, confidence, image, how).map(|&v| between(&inverse, planes, v))
 }
 
-/// The map `u` that an iteration begins with: at the iteration's scale, by joint bilateral upsampling, where `u` has
-/// twice that scale; else as it is, since only halving is guided. Depths that differ by more than the hypotheses to
-/// each side reach are of two surfaces.
+/// Upsamples the depth map `u` to the iteration's scale by joint bilateral upsampling, if that doubles its size; else
+/// returns it as it is. Depths that differ by more than the reach of the hypotheses (m · s plane distances) count as
+/// two surfaces.
 ///
 /// # Errors
 /// If memory runs out.

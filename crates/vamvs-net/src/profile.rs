@@ -1,4 +1,4 @@
-//! Where the time of a depth map goes.
+//! Timing of the stages of a depth map.
 
 use std::time::{Duration, Instant};
 
@@ -9,11 +9,11 @@ pub enum Stage {
     Encode,
     /// Warping and aggregation of the cost volume.
     Sweep,
-    /// Cost-volume regularisation, coarse depth, and its completion where images are textureless.
+    /// Cost-volume regularisation, coarse depth, and depth completion on textureless surfaces.
     Regularize,
     /// Fetching and aggregation of point features.
     Fetch,
-    /// Nearest neighbours.
+    /// Search of the points' nearest neighbours.
     Neighbours,
     /// Edge convolutions and flow, and joint bilateral upsampling.
     Flow,
@@ -32,7 +32,7 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// Runs `work` and books its time on `stage`.
+    /// Runs `work` and adds its time to `stage`.
     pub fn time<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
         let begin = Instant::now();
         let result = work();

@@ -1,4 +1,4 @@
-//! From pixels and depths of a reference view to places in a source view's feature maps.
+//! Projection of reference pixels at given depths into the feature maps of a source view.
 
 use tch::{TchError, Tensor};
 use vamvs_core::homography::PixelTransfer;
@@ -6,13 +6,13 @@ use vamvs_core::{Pinhole, Size};
 
 use crate::{Device, EncodedView};
 
-/// Grid coordinates so far outside that nothing of the image is sampled.
+/// A grid coordinate far outside [-1, 1], where zero padding is sampled only.
 const OUTSIDE: f64 = -10.0;
 
-/// A distance small against the scene's, in units of the nearest depth, below which a point counts as behind a camera.
+/// A point whose depth in a camera is below this counts as behind it; in units of the nearest depth searched.
 pub(crate) const BEHIND: f64 = 1e-3;
 
-/// A regular grid of pixels of the reference view, in full-resolution image coordinates.
+/// A regular grid of pixels of the reference view, in coordinates of the image that the network sees.
 #[derive(Clone, Debug)]
 pub struct PixelGrid {
     /// Image x of each column's pixel centre.
@@ -22,7 +22,7 @@ pub struct PixelGrid {
 }
 
 impl PixelGrid {
-    /// Pixels `first, first + step, …` below `end` of the image reduced by `scale`, along both axes.
+    /// The pixels `x0, x0 + step, …` and `y0, y0 + step, …` below `end` of the image reduced by `scale`.
     #[must_use]
     pub fn new(scale: usize, (x0, y0): (usize, usize), step: usize, end: Size) -> Self {
         let centres = |first: usize, end: usize| {
@@ -43,7 +43,7 @@ impl PixelGrid {
         Self { x: self.x.clone(), y: self.y[first..end].to_vec() }
     }
 
-    /// (1, 3, h·w): `matrix · (x, y, 1)` for each pixel, row-major.
+    /// `matrix · (x, y, 1)` for each pixel: (1, 3, h·w), row by row.
     fn mapped(&self, matrix: &nalgebra::Matrix3<f64>, device: Device) -> Result<Tensor, TchError> {
         let mut values = Vec::with_capacity(3 * self.x.len() * self.y.len());
         for row in matrix.row_iter() {
@@ -54,7 +54,7 @@ impl PixelGrid {
         Tensor::f_from_slice(&values)?.f_view([1, 3, -1])?.f_to_device(device)
     }
 
-    /// (1, 3, h·w): the points at depth 1 on the pixels' rays, in the camera's frame.
+    /// The points at depth 1 on the pixels' rays, in the camera's frame: (1, 3, h·w).
     ///
     /// # Errors
     /// If memory runs out.
@@ -74,7 +74,7 @@ impl PixelGrid {
         self.mapped(&inverse, device)
     }
 
-    /// (1, h, w, 2): the pixels themselves as sampling grid of the reference's own feature maps.
+    /// The grid at which the reference view's own feature maps are sampled at these pixels: (1, h, w, 2) in [-1, 1].
     ///
     /// # Errors
     /// If memory runs out.
@@ -91,16 +91,18 @@ impl PixelGrid {
     }
 }
 
-/// The projection of a grid's pixels into one source view, for any depths.
+/// The projection of a grid's pixels into one source view, for any depths: a pixel at depth d is at the homogeneous
+/// source pixel d · linear + offset.
 #[derive(Debug)]
 pub struct Projection {
     /// (1, 3, h·w)
     linear: Tensor,
-    /// (1, 3, 1)
+    /// (1, 3, 1), in units of the nearest depth searched.
     offset: Tensor,
     pixel_grid: Size,
+    /// Size of the padded source image.
     source: Size,
-    /// A distance small against the scene's, below which a point counts as behind the camera.
+    /// See [`BEHIND`].
     epsilon: f64,
 }
 
@@ -118,7 +120,7 @@ impl Projection {
         let device = source.flow[0].device();
         let source_from_reference = source.cam_from_world.compose(&reference.cam_from_world.inverse());
         let transfer = PixelTransfer::new(&reference.camera, &source.camera, &source_from_reference);
-        // Depths are in units of `near`, so that single precision serves any scale.
+        // Depths are in units of `near`, so that single precision suffices for scenes of any scale.
         let offset = (transfer.offset / near).map(|value| value as f32);
         Ok(Self {
             linear: pixel_grid.mapped(&transfer.linear, device)?,
@@ -129,8 +131,8 @@ impl Projection {
         })
     }
 
-    /// Depths in units of `near`, (B, 1) or (B, h·w) → sampling grid (B, h, w, 2) of the source view's
-    /// feature maps, at any of their strides.
+    /// The grid (B, h, w, 2) at which the source view's feature maps, of any stride, are sampled for depths (B, 1)
+    /// or (B, h·w) in units of `near`.
     ///
     /// # Errors
     /// If memory runs out.
@@ -149,16 +151,16 @@ impl Projection {
     }
 }
 
-/// What lies outside of a feature map.
+/// The values outside a feature map; the discriminants are those of libtorch's `grid_sampler`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outside {
-    /// Nothing: a source view does not see it.
+    /// Zero: for a source view, which does not see what is outside.
     Zero = 0,
-    /// The border goes on: a view's own pixels near its border.
+    /// The border value: for the reference view's own pixels near its border.
     Border = 1,
 }
 
-/// Samples features (1, C, H, W) bilinearly at grid (B, h, w, 2) → (B, C, h, w).
+/// Samples features (1, C, H, W) bilinearly at a grid (B, h, w, 2) in [-1, 1] → (B, C, h, w).
 ///
 /// # Errors
 /// If memory runs out.
@@ -168,7 +170,8 @@ pub fn sample(features: &Tensor, grid: &Tensor, outside: Outside) -> Result<Tens
     features.f_expand([batch, -1, -1, -1], false)?.f_grid_sampler_2d(grid, BILINEAR, outside as i64, false)
 }
 
-/// The depths of plane coordinates `u`, in units of the range's near end, kept positive outside of it.
+/// The depths of plane coordinates `u`, in units of the range's near end. Outside the range they are clamped, so that
+/// they stay positive and finite.
 ///
 /// # Errors
 /// If memory runs out.
@@ -269,7 +272,7 @@ mod tests {
                 let expected = planes.depth(f64::from(*u));
                 assert!((depth.double_value(&[index as i64]) - expected).abs() < 1e-5 * expected);
             }
-            // Far outside of the range depths stay positive and finite.
+            // Far outside the range depths stay positive and finite.
             let wild = depth_of(&planes, &Tensor::from_slice(&[-500.0_f32, 500.0])).unwrap();
             assert!(wild.min().double_value(&[]) > 0.0 && wild.max().double_value(&[]).is_finite());
         }

@@ -1,4 +1,4 @@
-//! A TorchScript module behind the contract of `models/README.md`, its shapes checked at the door.
+//! A TorchScript module that follows the contract of `models/README.md`. The shapes of all outputs are checked.
 
 use std::io::Read;
 use std::path::Path;
@@ -12,16 +12,16 @@ use crate::manifest::check_strides;
 use crate::slabs::Slabs;
 use crate::{Device, Manifest, NetError};
 
-/// How normalisation layers behave.
+/// Which statistics the normalisation layers use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// With the statistics of the data at hand, which the running ones follow.
+    /// The statistics of the current data; the running statistics are updated.
     Training,
-    /// With the running statistics, as they are.
+    /// The running statistics, which stay as they are.
     Evaluation,
 }
 
-/// A network: what is learned, and what it says of itself.
+/// A network: the learned module and its manifest.
 #[derive(Debug)]
 pub struct Network {
     module: CModule,
@@ -32,18 +32,18 @@ pub struct Network {
     channel_counts: ChannelCounts,
 }
 
-/// How much a module gives, as it showed when it was loaded.
+/// The channel counts of a module's outputs, measured when it was loaded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ChannelCounts {
-    /// Values of the features of 8×8 pixels of a photograph.
+    /// Values of all features for a block of 8×8 pixels of a photograph.
     pub features: usize,
     /// Channels of the coarse features.
     pub coarse: usize,
     /// Channels of the cost volume.
     pub volume: usize,
-    /// Values that the first layers keep of a pixel and plane of a volume that is regularised slab by slab.
+    /// Values for each pixel and plane that the first layers output, for a volume that is regularised slab by slab.
     pub first_layers: usize,
-    /// Channels of a point: fetched, related and its position.
+    /// Channels of a point: fetched features, pair features, and position.
     pub point: usize,
 }
 
@@ -51,8 +51,8 @@ impl Network {
     /// Loads a `.pt` file.
     ///
     /// # Errors
-    /// If it holds no TorchScript module, its manifest is not of the contract, or a method is missing
-    /// or gives other shapes than the contract says.
+    /// If it holds no TorchScript module, its manifest does not follow the contract, or a method is missing
+    /// or returns other shapes than the contract says.
     pub fn load(path: &Path, device: Device) -> Result<Self, NetError> {
         let module = CModule::load_on_device(path, device)
             .map_err(|source| NetError::NotAModule { path: path.to_owned(), source: Libtorch(source) })?;
@@ -70,7 +70,7 @@ impl Network {
     }
 
     fn new(mut module: CModule, device: Device, name: String) -> Result<Self, NetError> {
-        // Sizes change from call to call, so specialising the graph to them costs more than it gives.
+        // Sizes change from call to call, so specialising the graph to them costs more than it saves.
         tch::jit::f_set_graph_executor_optimize(false)?;
         module.f_set_eval()?;
         let answer = module.method_is::<IValue>("manifest", &[]);
@@ -97,7 +97,7 @@ impl Network {
         Ok(network)
     }
 
-    /// What the module says of itself.
+    /// The module's manifest.
     #[must_use]
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
@@ -106,17 +106,17 @@ impl Network {
     /// The trainable parameters by name; they share memory with the module's.
     ///
     /// # Errors
-    /// If the module does not tell them.
+    /// If the module does not list them.
     pub fn parameters(&self) -> Result<Vec<(String, Tensor)>, NetError> {
         let mut parameters = self.module.named_parameters()?;
         parameters.retain(|(_, parameter)| parameter.requires_grad());
         Ok(parameters)
     }
 
-    /// Chooses how normalisation layers behave; a network is loaded in [`Mode::Evaluation`].
+    /// Sets the mode of the normalisation layers; a network is loaded in [`Mode::Evaluation`].
     ///
     /// # Errors
-    /// If the module refuses.
+    /// If the module cannot change its mode.
     pub fn set_mode(&mut self, mode: Mode) -> Result<(), NetError> {
         match mode {
             Mode::Training => self.module.f_set_train()?,
@@ -126,13 +126,13 @@ impl Network {
         Ok(())
     }
 
-    /// How normalisation layers behave now.
+    /// The current mode of the normalisation layers.
     #[must_use]
     pub fn mode(&self) -> Mode {
         self.mode
     }
 
-    /// Gives the module another manifest, such as one that says what it was trained on.
+    /// Replaces the module's manifest, for example after training.
     ///
     /// # Errors
     /// If the module has no method `set_manifest`.
@@ -144,11 +144,11 @@ impl Network {
         Ok(())
     }
 
-    /// Uses the network at another coarse stride, 8 or 4 pixels of the photograph; the module stays as
-    /// it is. The confidence at another coarse stride than the network's own is not calibrated.
+    /// Sets the coarse stride, 8 or 4 pixels of the photograph; the module stays as it is. If the stride changes, the
+    /// calibration of the confidence is dropped.
     ///
     /// # Errors
-    /// If the width is another one.
+    /// If the stride is neither the stride of the network's features nor half of a feature stride of 8.
     pub fn set_coarse_stride(&mut self, coarse_stride: usize) -> Result<(), NetError> {
         check_strides(coarse_stride, self.manifest.feature_stride).map_err(NetError::Request)?;
         if coarse_stride != self.manifest.coarse_stride {
@@ -166,19 +166,19 @@ impl Network {
         Ok(self.module.save(path)?)
     }
 
-    /// Where the module lives.
+    /// The device of the module.
     #[must_use]
     pub fn device(&self) -> Device {
         self.device
     }
 
-    /// How much the module gives.
+    /// The channel counts of the module's outputs.
     pub(crate) fn channel_counts(&self) -> ChannelCounts {
         self.channel_counts
     }
 
-    /// Calls every method once on tiny inputs, so that a wrong module is refused at once and not after an
-    /// hour. Tells how much they give.
+    /// Calls every method that the aggregation uses once on tiny inputs, so that a wrong module is refused when it is
+    /// loaded. Returns the channel counts of the outputs.
     fn probe(&self) -> Result<ChannelCounts, NetError> {
         let image = Tensor::f_rand([1, 3, 8 * SIDE, 8 * SIDE], (Kind::Float, self.device))?;
         let levels = self.encode_flow(&image)?;
@@ -188,19 +188,20 @@ impl Network {
         };
         let (volume, first_layers) = self.probe_volume(&coarse)?;
         let point = self.probe_flow(&levels)?;
-        // Where one pyramid serves both stages its features are held once.
+        // If one pyramid serves both stages, its features are counted once.
         let own = self.shared_level().is_none().then_some(&coarse);
         let features = levels.iter().chain(own).map(Tensor::numel).sum::<usize>() / (SIDE * SIDE) as usize;
         Ok(ChannelCounts { features, coarse: coarse.size()[1] as usize, volume, first_layers, point })
     }
 
-    /// Which of the three levels of `encode_flow` are the coarse features, if one pyramid serves both stages.
+    /// The level of `encode_flow` that is also used as coarse features, if one pyramid serves both stages.
     pub(crate) fn shared_level(&self) -> Option<usize> {
         let Manifest { aggregation, feature_stride, .. } = self.manifest;
         aggregation.correlates().then(|| usize::from(feature_stride == COARSE_SCALE) + 1)
     }
 
-    /// The coarse stage on tiny features (1, C, h, w): the channels of its volume, and what the first layers keep of it.
+    /// Runs the coarse stage on tiny features (1, C, h, w). Returns [`ChannelCounts::volume`] and
+    /// [`ChannelCounts::first_layers`].
     fn probe_volume(&self, coarse: &Tensor) -> Result<(usize, usize), NetError> {
         let aggregation = self.manifest.aggregation;
         let (_, channels, h, w) = coarse.size4()?;
@@ -235,7 +236,7 @@ impl Network {
         Ok((volume_channels as usize, first_layers))
     }
 
-    /// The flow on a few points: the channels of a point.
+    /// Runs the flow on a few points. Returns [`ChannelCounts::point`].
     fn probe_flow(&self, levels: &[Tensor; 3]) -> Result<usize, NetError> {
         let (aggregation, f32) = (self.manifest.aggregation, (Kind::Float, self.device));
         let points = 8 * (2 * self.manifest.hypotheses as i64 + 1);
@@ -258,18 +259,18 @@ impl Network {
         Ok(point as usize)
     }
 
-    /// Checks that channels are a multiple of those that are correlated together.
+    /// Checks that a number of channels is a multiple of the group size.
     fn check_groups(&self, method: &'static str, channels: i64) -> Result<(), NetError> {
         let group = self.manifest.group;
         if channels % group as i64 == 0 {
             return Ok(());
         }
         let problem =
-            format!("says that {group} channels are correlated together, but {method} gives {channels}");
+            format!("says that groups have {group} channels, but {method} gives {channels}, not a multiple");
         Err(NetError::Manifest { module: self.name.clone(), problem })
     }
 
-    /// Checks that what is averaged over the views is a part of what `relate` gives.
+    /// Checks that the averaged channels are some, but not all, of those that `relate` gives.
     fn check_averaged(&self, channels: i64) -> Result<(), NetError> {
         let Manifest { averaged, aggregation, .. } = self.manifest;
         if averaged == 0 || (aggregation.relates_pairs() && (averaged as i64) < channels) {
@@ -306,8 +307,8 @@ impl Network {
         Ok([half, quarter, eighth])
     }
 
-    /// Reference (1, C, h, w), warped source (D, C, h, w), plane coordinates in [0, 1] (D) → features of
-    /// the pair (D, C', h, w).
+    /// Reference features (1, C, h, w), warped source features (D, C, h, w), plane coordinates scaled to [0, 1] (D) →
+    /// pair features (D, C', h, w).
     pub(crate) fn relate(
         &self,
         reference: &Tensor,
@@ -321,7 +322,7 @@ impl Network {
         Ok(related)
     }
 
-    /// Pair features pooled over the planes (1, C', h, w) → visibility in [0, 1] (1, 1, h, w).
+    /// Pair features, or correlations, pooled over the planes (1, C', h, w) → visibility in [0, 1] (1, 1, h, w).
     pub(crate) fn visibility(&self, pooled: &Tensor) -> Result<Tensor, NetError> {
         let (n, _, h, w) = pooled.size4()?;
         let mask = self.call("visibility", "(pooled (N, C', h, w)) → (N, 1, h, w)", &[pooled])?;
@@ -329,7 +330,7 @@ impl Network {
         Ok(mask)
     }
 
-    /// (1, C', D, h, w) → costs (1, D, h, w).
+    /// Aggregated volume (1, C', D, h, w) → costs (1, D, h, w); a low cost is likely.
     ///
     /// # Errors
     /// If the module breaks its contract or memory runs out.
@@ -340,8 +341,8 @@ impl Network {
         Ok(costs)
     }
 
-    /// Planes of the volume with one more before and after them (1, C', D + 2, h, w) → what the first layers make of
-    /// them at full and at half resolution, (1, a, D, h', w') and (1, b, D/2, h'/2, w'/2).
+    /// D planes of the volume with one more before and after them, (1, C', D + 2, h, w) → the outputs of the first
+    /// layers at full and at half resolution, (1, a, D, h', w') and (1, b, D/2, h'/2, w'/2).
     pub(crate) fn regularize_slab(&self, planes: &Tensor) -> Result<(Tensor, Tensor), NetError> {
         let (n, _, d, ..) = planes.size5()?;
         let method = "regularize_slab";
@@ -354,8 +355,8 @@ impl Network {
         Ok((full, half))
     }
 
-    /// What `regularize_slab` gave for all planes, and the volume's last channels, which are averaged (1, A, D, h, w) →
-    /// costs (1, D, h, w). The first two are overwritten.
+    /// The outputs of `regularize_slab` for all planes, and the averaged channels of the volume (1, A, D, h, w) → costs
+    /// (1, D, h, w). Overwrites `full` and `half`.
     pub(crate) fn regularize_slabs(
         &self,
         full: &Tensor,
@@ -369,7 +370,7 @@ impl Network {
         Ok(costs)
     }
 
-    /// Fetched features of the reference (1, C, P) and of a source view (B, C, P) → (B, C'', P).
+    /// Fetched features of the reference (1, C, P) and of a source view (B, C, P) → pair features (B, C'', P).
     pub(crate) fn relate_flow(&self, reference: &Tensor, source: &Tensor) -> Result<Tensor, NetError> {
         let (b, _, p) = source.size3()?;
         let expected = "(ref (1, C, P), src (B, C, P)) → (B, C'', P)";
@@ -378,7 +379,7 @@ impl Network {
         Ok(related)
     }
 
-    /// Features (B, C'' + 24, P) and neighbours' indices (B, P, k) → scores (B, P), low is likely.
+    /// Features (B, C'' + 24, P) and neighbours' indices (B, P, k) → scores (B, P); a low score is likely.
     pub(crate) fn flow(&self, features: &Tensor, neighbours: &Tensor) -> Result<Tensor, NetError> {
         let (b, _, p) = features.size3()?;
         let expected = "(features (B, C'' + 24, P), neighbours (B, P, k)) → (B, P)";
@@ -400,7 +401,7 @@ impl Network {
         NetError::Method { module: self.name.clone(), method, expected, source: Libtorch(source) }
     }
 
-    /// Checks a shape; `None` stands for any number of channels.
+    /// Checks the shape of an output; `None` stands for any size.
     fn check(&self, method: &'static str, tensor: &Tensor, expected: &[Option<i64>]) -> Result<(), NetError> {
         let found = tensor.size();
         let fits = found.len() == expected.len()
@@ -419,11 +420,11 @@ impl Network {
     }
 }
 
-/// The side of the probe's image, in the largest stride.
+/// The side of the probe's image, in blocks of 8 pixels.
 const SIDE: i64 = 4;
 
-/// vis-corr: the level of the reference's own features (1/4) that the flow is given beside the correlations.
+/// vis-corr: the level of the reference view's own features (1/4) that the flow gets in addition to the correlations.
 pub(crate) const CONTEXT_LEVEL: usize = 1;
 
-/// Channels of a point's normalised position: x, y, z, repeated (section 3.3).
+/// Channels of a point's normalised position: x, y, z, repeated 8 times (section 3.3).
 pub(crate) const POSITION_CHANNELS: i64 = 24;

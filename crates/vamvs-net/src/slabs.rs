@@ -1,44 +1,48 @@
-//! A cost volume that is regularised without ever being whole.
+//! Regularisation of a cost volume that is never held as a whole.
 //!
-//! The volume of vis-max has 65 channels, the first layers of what regularises it have 8 and 16. Planes therefore go
-//! through these layers a few at a time, as the sweep makes them; what is kept is a sixth of the volume.
+//! The volume of vis-max has 65 channels; the first layers of its regularisation have 8 at full and 16 at half
+//! resolution. Planes go through these layers a few at a time, as the sweep computes them, and only the outputs are
+//! kept, which are a sixth of the volume.
 
 use tch::{TchError, Tensor};
 
 use crate::{NetError, Network};
 
-/// Planes that go through the first layers at once, an even number.
+/// The fewest planes that go through the first layers at once, an even number.
 const AT_ONCE: i64 = 8;
 
-/// Planes to a multiple of which volumes are padded by the networks, for three halvings.
+/// The networks halve volumes three times, so they pad the number of planes to a multiple of this.
 const MULTIPLE: usize = 8;
 
-/// The first layers on the planes so far.
+/// The outputs of the first layers for the planes added so far.
 pub(crate) struct Slabs<'a> {
     network: &'a Network,
+    /// Planes of the whole volume.
     planes: usize,
-    /// Planes that came.
+    /// Planes added so far.
     taken: usize,
-    /// Planes that were not yet in the middle of a slab, and the one before them: each (1, C', D, h, w).
+    /// The planes that wait for the first layers, after the one plane before them: parts (1, C', D', h, w).
     waiting: Vec<Tensor>,
+    /// Outputs at full resolution, (1, a, D', h', w').
     full: Vec<Tensor>,
+    /// Outputs at half resolution, (1, b, D'/2, h'/2, w'/2).
     half: Vec<Tensor>,
-    /// The channels that are averaged over the views, of all planes.
+    /// The channels that are averaged over the views, (1, A, D', h, w), for all planes so far.
     averaged: Vec<Tensor>,
 }
 
 impl<'a> Slabs<'a> {
-    /// No planes yet of a volume of `planes`.
+    /// Starts a volume of `planes` planes.
     pub fn new(network: &'a Network, planes: usize) -> Self {
         let (waiting, full, half, averaged) = Default::default();
         Self { network, planes, taken: 0, waiting, full, half, averaged }
     }
 
-    /// The next planes, (1, C', D', h, w).
+    /// Adds the next planes, (1, C', D', h, w).
     pub fn add(&mut self, slab: &Tensor) -> Result<(), NetError> {
         let (_, channels, count, ..) = slab.size5()?;
         let averaged = self.network.manifest().averaged as i64;
-        // A copy: a part would keep all of the slab in memory.
+        // Copied, because a view would keep the whole slab in memory.
         self.averaged.push(slab.f_narrow(1, channels - averaged, averaged)?.f_detach_copy()?);
         if self.waiting.is_empty() {
             self.waiting.push(slab.f_narrow(2, 0, 1)?.f_zeros_like()?);
@@ -51,14 +55,17 @@ impl<'a> Slabs<'a> {
         self.process(AT_ONCE)
     }
 
-    /// Values that the first layers give of a pixel and plane, once they have given any.
+    /// Values that the first layers output for each pixel and plane.
+    ///
+    /// # Panics
+    /// If no planes have gone through these layers yet.
     pub fn values(&self) -> usize {
         let places = |full: &Tensor| full.numel() / (full.size()[1] as usize).max(1);
         let (full, half) = (&self.full[0], &self.half[0]);
         (full.numel() + half.numel()) / places(full).max(1)
     }
 
-    /// The planes beyond the last: it is repeated up to the multiple, and what follows is zero.
+    /// Pads the volume after its last plane: repeats that plane up to a multiple of `MULTIPLE`, then adds a zero plane.
     fn end(&mut self) -> Result<(), TchError> {
         let slab = &self.waiting[self.waiting.len() - 1];
         let last = slab.f_narrow(2, slab.size()[2] - 1, 1)?;
@@ -69,7 +76,7 @@ impl<'a> Slabs<'a> {
         Ok(())
     }
 
-    /// Puts waiting planes through the first layers, `least` or more at once.
+    /// Puts the waiting planes through the first layers if there are at least `least` of them.
     fn process(&mut self, least: i64) -> Result<(), NetError> {
         let count = self.waiting.iter().map(|slab| slab.size()[2]).sum::<i64>();
         let inner = (count - 2) / 2 * 2;
@@ -84,7 +91,7 @@ impl<'a> Slabs<'a> {
         Ok(())
     }
 
-    /// The costs (1, D, h, w) of all planes.
+    /// Runs the remaining layers. Returns the costs of all planes, (1, D, h, w).
     pub fn finish(mut self) -> Result<Tensor, NetError> {
         self.process(2)?;
         self.waiting.clear();

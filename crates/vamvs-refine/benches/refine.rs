@@ -1,5 +1,5 @@
-//! Time to refine a depth map of 768×576 pixels with four source views, by number of threads, and once more with the
-//! sources' own depth maps.
+//! Time to refine a depth map of 768×576 pixels with four source views, by number of threads: the photometric pass,
+//! and the geometric pass, in which the reference view's own map stands in for the source views' depth maps.
 #![allow(missing_docs, reason = "criterion's macros make undocumented functions")]
 
 #[path = "../tests/common/mod.rs"]
@@ -12,7 +12,7 @@ use vamvs_refine::{RefineOptions, refine, refine_geometric};
 
 fn benchmarks(criterion: &mut Criterion) {
     let mut set = enlarged(common::sphere, HERE, 4);
-    // Sensor noise, without which everything is settled at once.
+    // Sensor noise; without it all planes would settle at once.
     let mut state = 1_u32;
     for value in set.photos.iter_mut().flat_map(|photo| photo.image.data_mut()) {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

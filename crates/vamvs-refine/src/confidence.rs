@@ -1,21 +1,22 @@
-//! How likely a refined depth is right.
+//! The confidence of a refined depth: how likely it is right.
 
 use crate::Features;
 
-/// Correlation from which on the photographs alone tell how likely a depth is right.
+/// Correlation above which confidence depends on the photographs alone; below, the seed's confidence is mixed
+/// in.
 const MATCHED: f32 = 0.5;
 
-/// The share of the seed's confidence that stays where the photographs tell nothing.
+/// The share of the seed's confidence that remains if the photographs do not match.
 pub(crate) const UNMATCHED: f32 = 0.5;
 
-/// Luminance of medium texture, grey values.
+/// Standard deviation of luminance at which the texture term is half its maximum, grey values.
 const TEXTURE: f32 = 4.0;
 
-/// Distance from the seed that counts half, pixels of disparity.
+/// Distance from the seed at which the distance term is half its maximum, pixels of disparity.
 const MOVED: f32 = 2.0;
 
 /// The likelihood that a depth is right to 1 %: a logistic function of the features, fitted to four views of two
-/// rendered scenes; without correlation, what was known before.
+/// rendered scenes. Without correlation it is the seed's confidence.
 pub(crate) fn of(features: &Features) -> f32 {
     let matched = (features.correlation / MATCHED).clamp(0.0, 1.0);
     matched * likelihood(features) + (1.0 - matched) * features.seed

@@ -1,4 +1,4 @@
-//! Zero-mean normalised cross-correlation of a window with its place in a source image.
+//! Zero-mean normalised cross-correlation of a reference window with a source image.
 
 use crate::isa::for_each_isa;
 use crate::luminance::Quads;
@@ -7,8 +7,9 @@ use crate::transfer::Affine;
 use crate::window::{LANES, Window, sum_lanes};
 
 for_each_isa! {
-    /// The correlation, −1 to 1, of the window with the source image under the warp. `noise`, grey values, is what
-    /// variances are raised by: without texture it goes to 0. Outside of the source image its border goes on.
+    /// The correlation, −1 to 1, of the window with the source image under the warp. The square of `noise`, grey
+    /// values, is added to both variances, so that the correlation of a textureless window is near 0. The border
+    /// of the source image is replicated.
     pub(crate) fn correlation(window: &Window, source: &Quads, warp: &Affine, noise: f32) -> f32 = correlate
 }
 
@@ -56,7 +57,7 @@ mod tests {
 
     const WARP: Affine = Affine { u: 33.4, v: 21.7, ux: 0.93, uy: 0.12, vx: -0.2, vy: 1.08 };
 
-    /// The definition, in double precision.
+    /// The correlation by its definition, in double precision.
     fn by_definition(window: &Window, image: &Grid<u8>, warp: &Affine, reference: &Padded) -> f64 {
         let (values, stride) = reference.around(30, 20);
         let at = |x: i32, y: i32| {

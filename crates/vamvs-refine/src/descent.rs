@@ -1,8 +1,8 @@
-//! A Gauss–Newton step of a plane towards the best correlation.
+//! The normal equations of a Gauss–Newton step of a plane towards the best correlation.
 //!
-//! The warped source values v are brought to the reference's r by gain and offset, a v + b; of the residual's
-//! derivatives with respect to depth and slopes only what gain and offset cannot explain counts (variable projection).
-//! So the step is one towards the largest zero-mean normalised cross-correlation.
+//! A gain a and an offset b fit the warped source values v to the reference values r: a v + b ≈ r. The residual's
+//! derivatives with respect to depth and slopes are projected orthogonally to what gain and offset can explain
+//! (variable projection). So the step leads towards the largest zero-mean normalised cross-correlation.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -12,7 +12,7 @@ use crate::sampling::{at_least, sample};
 use crate::transfer::Affine;
 use crate::window::{LANES, OFFSETS, Window, sum_lanes};
 
-/// Normal equations of inverse depth and its two slopes, for one source view.
+/// Normal equations of inverse depth and its two slopes, for one source view: `matrix · step = vector`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Normal {
     pub matrix: Matrix3<f32>,
@@ -22,12 +22,14 @@ pub(crate) struct Normal {
 }
 
 for_each_isa! {
-    /// The normal equations for a source image under a warp, whose centre moves by `speed` source pixels for a unit of
-    /// inverse depth.
+    /// The normal equations for a source image under a warp; the warp's centre moves by `speed` source pixels per
+    /// unit of inverse depth.
     pub(crate) fn normal(window: &Window, source: &Quads, warp: &Affine, speed: [f32; 2], noise: f32) -> Normal = equations
 }
 
-/// Weighted sums over the window; v: value, d: its change with inverse depth, x, y: texel, r: reference value.
+/// Weighted sums over the window of products of v, the source value; r, the reference value (centred); and d, the
+/// derivatives of v with respect to inverse depth, its slope in x and its slope in y. `dd` is the upper triangle, row
+/// by row.
 #[derive(Default)]
 struct Sums {
     v: [f32; LANES],
@@ -141,7 +143,7 @@ mod tests {
         let equations = |isa| normal(&window, &source, &warp, [1.0, 0.0], 1.0, isa);
         let Normal { matrix, vector, .. } = equations(Isa::Scalar);
         let step = matrix.try_inverse().unwrap() * vector;
-        // The pixel's centre is half a pixel from where the stretch begins.
+        // This is one step of a linearised problem on 8-bit images, hence the tolerance.
         assert!((step - Vector3::new(0.4, 0.03, 0.0)).amax() < 0.04, "{step}");
         for isa in Isa::all() {
             assert_eq!(equations(isa).matrix, matrix);

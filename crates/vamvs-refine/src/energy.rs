@@ -1,4 +1,4 @@
-//! The energy of a plane at a pixel: how ill the photographs match, and how far it is from what was known before.
+//! The energy of a plane at a pixel: how badly the photographs match, and how far the plane is from the prior depth.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -10,20 +10,20 @@ use crate::plane::Plane;
 use crate::source::{MOST_SOURCES, Source};
 use crate::transfer::Affine;
 
-/// The energy of what cannot be: behind a camera, or steeper than [`STEEPEST`].
+/// The energy of an impossible plane: behind a camera, or steeper than [`STEEPEST`].
 pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
 
-/// The correlation with a source view whose image the warped window leaves.
+/// The correlation with a source view whose image does not contain the projection of the pixel.
 const OUTSIDE_CORRELATION: f32 = 0.0;
 
-/// The steepest plane, pixels of disparity a pixel.
+/// The steepest plane, pixels of disparity per pixel.
 const STEEPEST: f32 = 1.2;
 
-/// A plane that is worse by this in the views that have matched best so far is not tried in the others; neither is one
-/// that is better in them.
+/// A plane that is worse by more than this in the views that have matched best so far is not tried in the others.
+/// Neither is a plane that is better in them: it is accepted at once.
 const HOPELESS: f32 = 0.1;
 
-/// Source views, a bit each.
+/// A set of source views, one bit per view.
 pub(crate) type Views = u16;
 
 /// The energy of a plane, and the views that match it best.
@@ -36,21 +36,21 @@ pub(crate) struct Judged {
 }
 
 impl Judged {
-    /// What cannot be.
+    /// An impossible plane.
     const IMPOSSIBLE: Self = Self { energy: IMPOSSIBLE, correlation: 0.0, best: 0 };
 }
 
-/// How well one source view, or the mean over some, matches a plane.
+/// The cost of a plane in one source view, or the sum or mean over several.
 #[derive(Clone, Copy, Debug, Default)]
 struct Cost {
-    /// 1 − correlation, and what missing the source's own surface costs.
+    /// 1 − correlation, plus the cost of the distance to the source's own surface.
     total: f32,
     correlation: f32,
 }
 
 /// The cost of each source view.
 struct Costs {
-    /// What the best are chosen by, and the cost itself.
+    /// For each view, the value by which the best are chosen (cost plus handicap), and the cost itself.
     values: [(f32, Cost); MOST_SOURCES],
     count: usize,
 }
@@ -63,7 +63,7 @@ impl std::ops::AddAssign for Cost {
 }
 
 impl Cost {
-    /// The mean of `count` costs of which this is the sum.
+    /// The mean of `count` costs whose sum this is.
     fn mean(self, count: usize) -> Self {
         let share = 1.0 / count.max(1) as f32;
         Self { total: share * self.total, correlation: share * self.correlation }
@@ -71,7 +71,7 @@ impl Cost {
 }
 
 impl Costs {
-    /// The mean cost of the `most` best views, and which they are.
+    /// The mean cost of the `most` best views, and the set of these views.
     #[inline]
     fn mean_of_best(&self, most: usize) -> (Cost, Views) {
         let (mut sum, mut taken, most) = (Cost::default(), 0 as Views, most.clamp(1, self.count));
@@ -91,7 +91,7 @@ impl Costs {
     }
 }
 
-/// The indices of views.
+/// The indices of the views of a set, ascending.
 #[inline]
 fn indices(views: Views) -> impl Iterator<Item = usize> {
     let next = |left: &Views| Some(left & (left - 1)).filter(|_| *left != 0);
@@ -100,8 +100,9 @@ fn indices(views: Views) -> impl Iterator<Item = usize> {
 }
 
 impl Pixel<'_> {
-    /// The energy of a plane: 1 − the mean correlation of the best views, and the cost of its distance to what was
-    /// known before. `rival` is the best so far: what is hopeless against it is [`IMPOSSIBLE`].
+    /// The energy of a plane: 1 − the mean correlation of the best views, plus their geometric cost, plus the cost of
+    /// the distance to the prior. `rival` is the best plane so far; a plane that is hopeless against it gets
+    /// [`IMPOSSIBLE`].
     pub fn energy(&self, plane: &Plane, rival: Option<Judged>) -> Judged {
         if !self.is_possible(plane) {
             return Judged::IMPOSSIBLE;
@@ -136,7 +137,7 @@ impl Pixel<'_> {
         plane.w > 0.0 && plane.gx * plane.gx + plane.gy * plane.gy <= steepest * steepest
     }
 
-    /// The energy of a plane as these views see it.
+    /// The energy of a plane over a given set of views.
     pub fn energy_in(&self, plane: &Plane, views: Views) -> Judged {
         if !self.is_possible(plane) || views == 0 {
             return Judged::IMPOSSIBLE;
@@ -147,7 +148,8 @@ impl Pixel<'_> {
         Judged { energy: total + self.prior_cost(plane.w), correlation, best: views }
     }
 
-    /// How many sources' own depth maps meet the plane within a pixel; `None` if there are no such maps.
+    /// The number of sources whose own depth maps meet the plane to one pixel of reprojection error; `None` if no
+    /// source has a depth map.
     pub fn geometric_agreement(&self, plane: &Plane) -> Option<usize> {
         let sources = &self.matcher.sources;
         let meets = |&source: &usize| self.seen_by(source, plane).is_some_and(|seen| seen.way < 1.0);
@@ -155,14 +157,15 @@ impl Pixel<'_> {
         known.then(|| (0..sources.len()).filter(meets).count())
     }
 
-    /// What a source's depth map says near this plane.
+    /// The surface in a source's own depth map where the source sees the plane; `None` if there is none.
     pub fn seen_by(&self, source: usize, plane: &Plane) -> Option<Seen> {
         let view = &self.matcher.sources[source];
         let place = view.transfer.place(self.rays[source], plane.w)?;
         view.geometry.as_ref()?.seen(place, (self.x, self.y))
     }
 
-    /// The sum of the normal equations of some source views at a plane, in units of [`Pixel::step`].
+    /// The sum of the normal equations of some source views at a plane, in units of [`Pixel::step`]. Views that do
+    /// not see the pixel or do not correlate are left out.
     pub fn normal(&self, plane: &Plane, views: Views) -> (Matrix3<f32>, Vector3<f32>) {
         let (mut matrix, mut vector) = (Matrix3::zeros(), Vector3::zeros());
         for index in indices(views) {
@@ -175,7 +178,7 @@ impl Pixel<'_> {
         (matrix, vector)
     }
 
-    /// What a source is chosen by, and its cost.
+    /// A source's cost plus handicap, and its cost.
     #[inline]
     fn cost(&self, index: usize, plane: &Plane) -> (f32, Cost) {
         let (Matcher { options, isa, .. }, source) = (self.matcher, &self.matcher.sources[index]);
@@ -197,7 +200,7 @@ impl Pixel<'_> {
         Some(normal(&self.window, &source.quads, &warp, speed, noise, self.matcher.isa))
     }
 
-    /// How a source sees the window; `None` where the pixel lies outside of its image.
+    /// The warp of the window into a source image; `None` if the pixel projects outside of it.
     #[inline]
     fn warp(&self, index: usize, plane: &Plane) -> Option<Affine> {
         let source = &self.matcher.sources[index];

@@ -1,4 +1,4 @@
-//! The planes of all pixels, in the two colours of a checkerboard.
+//! The planes of all pixels, stored by the two colours of a checkerboard.
 
 use rayon::prelude::*;
 use vamvs_core::Size;
@@ -6,7 +6,7 @@ use vamvs_core::Size;
 use crate::energy::{IMPOSSIBLE, Judged, Views};
 use crate::plane::Plane;
 
-/// What is known of a pixel.
+/// The state of a pixel.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct State {
     /// Its plane; w = 0 where there is none.
@@ -17,37 +17,37 @@ pub(crate) struct State {
     pub correlation: f32,
     /// The source views that match it best.
     pub best: Views,
-    /// Whether the plane is the best around: small changes make it no better.
+    /// Whether the last Gauss–Newton step was negligible or did not lower the energy.
     pub settled: bool,
 }
 
 impl State {
-    /// A plane that nothing is known of yet.
+    /// A plane whose energy has not been evaluated yet.
     pub fn unjudged(plane: Plane) -> Self {
         Self { plane, energy: IMPOSSIBLE, ..Self::default() }
     }
 
-    /// A plane with what is known of it, which is not that it is the best around.
+    /// A plane with its energy, not settled yet.
     pub fn new(plane: Plane, judged: Judged) -> Self {
         let Judged { energy, correlation, best } = judged;
         Self { plane, energy, correlation, best, settled: false }
     }
 
-    /// What another plane must surpass.
+    /// The energy that another plane must fall below, with the views it was measured in.
     pub fn judged(&self) -> Judged {
         Judged { energy: self.energy, correlation: self.correlation, best: self.best }
     }
 }
 
-/// The states of all pixels. Those of each colour of a checkerboard are kept apart, so that one colour can be written
-/// by many threads while the other is read, with the same result in any order.
+/// The states of all pixels. The two colours of a checkerboard are stored apart, so that threads can write one colour
+/// while they read the other, and the result does not depend on the order.
 pub(crate) struct Field {
     size: Size,
     stride: usize,
     colours: [Vec<State>; 2],
 }
 
-/// One colour of a field, to be read.
+/// One colour of a field, read-only.
 #[derive(Clone, Copy)]
 pub(crate) struct Colour<'a> {
     size: Size,
@@ -69,7 +69,8 @@ impl Row<'_> {
 }
 
 impl Colour<'_> {
-    /// The state of the pixel `offset` beside `(x, y)`, which must be of this colour; `None` outside or without plane.
+    /// The state of the pixel at `(x, y) + offset`, which must be of this colour; `None` if it is outside of the
+    /// image or has no plane.
     #[inline]
     pub fn neighbour(&self, (x, y): (usize, usize), offset: (i32, i32)) -> Option<&State> {
         let (x, y) = (x.wrapping_add_signed(offset.0 as isize), y.wrapping_add_signed(offset.1 as isize));
@@ -80,7 +81,7 @@ impl Colour<'_> {
 }
 
 impl Field {
-    /// A field with `state(x, y)`.
+    /// A field whose pixels have the states `state(x, y)`.
     pub fn new(size: Size, state: impl Fn(usize, usize) -> State + Sync) -> Self {
         let stride = size.width.div_ceil(2);
         let empty = || vec![State::default(); stride * size.height];
@@ -105,7 +106,7 @@ impl Field {
         &mut self.colours[(x + y) % 2][y * self.stride + x / 2]
     }
 
-    /// Changes the states row by row in parallel; `workspace` makes what a thread works with.
+    /// Changes the states row by row in parallel; `workspace` creates a thread's scratch memory.
     pub fn update_rows<W>(
         &mut self,
         workspace: impl Fn() -> W + Sync + Send,
@@ -118,7 +119,8 @@ impl Field {
         });
     }
 
-    /// Changes the states of one colour in parallel; `change` sees the other colour, the pixel and its state.
+    /// Changes the states of one colour in parallel; `change` gets the other colour, the pixel's coordinates and its
+    /// state.
     pub fn update(&mut self, colour: usize, change: impl Fn(Colour, usize, usize, &mut State) + Sync) {
         let (size, stride) = (self.size, self.stride);
         let [first, second] = &mut self.colours;

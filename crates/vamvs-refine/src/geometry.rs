@@ -1,33 +1,35 @@
-//! What a source view's own depth map says of a reference pixel.
+//! A source view's own depth map, compared with a reference pixel.
 
 use vamvs_core::depth_map::is_valid;
 use vamvs_core::{DepthMap, Grid, Pinhole, Pose};
 
 use crate::transfer::Transfer;
 
-/// Neighbouring inverse depths that differ by a larger share are of two surfaces.
+/// Neighbouring inverse depths belong to two surfaces if they differ by more than this share.
 const JUMP: f32 = 0.02;
 
-/// A source's depth map with the way back to the reference view.
+/// A source's depth map, with the projection back to the reference view.
 pub(crate) struct Geometry {
     /// Inverse depth; 0 where there is none.
     inverse: Grid<f32>,
-    /// From a pixel of the source's photograph to one of the map: factor and what is added, for columns and rows.
+    /// Factor and offset, for x and for y, from image coordinates of the source's photograph to those of the map.
     to_map: [[f32; 2]; 2],
     to_reference: Transfer,
 }
 
-/// A surface of the source view near where it sees a reference pixel.
+/// The surface of a source's own depth map at the position where the source sees a reference pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Seen {
-    /// How far from the reference pixel the source's surface projects, pixels.
+    /// The forward-backward reprojection error: the distance from the reference pixel's centre to the projection of
+    /// the source's surface, pixels.
     pub way: f32,
-    /// Its inverse depth in the reference view.
+    /// The surface's inverse depth in the reference view.
     pub w: f32,
 }
 
 impl Geometry {
-    /// Of a map of the photograph that `source` took, of whatever size.
+    /// The geometry of a depth map of the view `source`, whose camera has the photograph's size; the map may have any
+    /// size.
     pub fn new(map: &DepthMap, source: (&Pinhole, &Pose), reference: (&Pinhole, &Pose)) -> Self {
         let (of_map, of_photo) = (&map.camera.intrinsics, &source.0.intrinsics);
         let along = |f_map: f64, c_map: f64, f_photo: f64, c_photo: f64| {
@@ -44,8 +46,9 @@ impl Geometry {
         }
     }
 
-    /// Projects the depth that the source has at `(u, v)` of its photograph back to the reference view, where `(x, y)` is
-    /// the centre of the pixel that was seen there. `None` where the source has no depth.
+    /// Projects the source's depth at `(u, v)`, in its photograph, back to the reference view, where `(x, y)` is the
+    /// centre of the pixel that the source sees there. `None` if the source has no depth there, or the point is
+    /// behind the reference camera.
     #[inline]
     pub fn seen(&self, (u, v): (f32, f32), (x, y): (f32, f32)) -> Option<Seen> {
         let [[scale_x, shift_x], [scale_y, shift_y]] = self.to_map;
@@ -58,7 +61,8 @@ impl Geometry {
         Some(Seen { way: (dx * dx + dy * dy).sqrt(), w: w_in_source / back[2] })
     }
 
-    /// Inverse depth at a place of the map: interpolated on one surface, else the nearest pixel's.
+    /// Inverse depth at image coordinates of the map: bilinear on one surface, else that of the nearest pixel. `None`
+    /// outside of the map.
     #[inline]
     fn at(&self, u: f32, v: f32) -> Option<f32> {
         if u < 0.0 || v < 0.0 {
@@ -113,12 +117,12 @@ mod tests {
             let place = transfer.place(transfer.ray(x, y), w).unwrap();
             geometry.seen(place, (x, y))
         };
-        // Disparity is 100 w: 25 pixels at the source's depth of 4.
+        // The disparity is 100 w: 25 pixels at the source's depth of 4.
         let near = seen(60.5, 20.5, 0.24).unwrap();
         assert!((near.way - 1.0).abs() < 1e-4 && (near.w - 0.25).abs() < 1e-6);
         assert!(seen(60.5, 20.5, 0.25).unwrap().way < 1e-4);
-        assert_eq!(seen(20.5, 20.5, 0.25), None, "left of the source's image");
-        // A map of half the size, of a photograph of twice the size.
+        assert_eq!(seen(20.5, 20.5, 0.25), None, "outside of the source's image, on the left");
+        // The same map, now as one of half the size of a larger photograph.
         let twice = CAMERA.resized(Size::new(160, 120));
         let smaller = Geometry::new(&map, (&twice, &at(1.0)), (&CAMERA, &at(0.0)));
         assert!(smaller.seen((71.0, 41.0), (60.5, 20.5)).unwrap().way < 1e-4);

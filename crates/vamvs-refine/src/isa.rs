@@ -1,9 +1,9 @@
-//! Which instructions the processor has.
+//! The instruction sets of the processor.
 
-/// The instructions that the inner loops are compiled for. All of them give the same bits.
+/// The instruction sets for which the inner loops are compiled. All of them give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Isa {
-    /// What every processor of the architecture has.
+    /// The baseline of the architecture, which every processor has.
     Scalar,
     /// AVX2 and FMA.
     #[cfg(target_arch = "x86_64")]
@@ -14,7 +14,7 @@ pub enum Isa {
 }
 
 impl Isa {
-    /// All that this processor has, the best last.
+    /// All instruction sets that this processor has, the best one last.
     #[must_use]
     pub fn all() -> Vec<Self> {
         #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut))]
@@ -34,15 +34,15 @@ impl Isa {
         all
     }
 
-    /// The best that this processor has.
+    /// The best instruction set that this processor has.
     #[must_use]
     pub fn best() -> Self {
         Self::all().last().copied().unwrap_or(Self::Scalar)
     }
 }
 
-/// A function compiled once for each instruction set: `name(arguments, isa)` calls `inner::<N>(arguments)`, which must be
-/// `#[inline(always)]`; N is how many values the registers hold.
+/// Defines a function that is compiled once for each instruction set: `name(arguments, isa)` calls
+/// `inner::<N>(arguments)`, which must be `#[inline(always)]`; N is the number of values in a vector register.
 macro_rules! for_each_isa {
     ($(#[$doc:meta])* $visibility:vis fn $name:ident($($argument:ident: $kind:ty),*) -> $out:ty = $inner:ident) => {
         $(#[$doc])*

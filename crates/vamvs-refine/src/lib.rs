@@ -1,15 +1,15 @@
-//! Depth maps refined to the full size of their photographs by matching slanted planes, from a seed.
+//! Refines depth maps to the full size of their photographs by matching slanted planes, starting from a seed.
 //!
-//! [`refine`] solves one reference view: around the depth of a seed, which may be far smaller than the photograph, it
-//! searches for each pixel the plane under which the window around it looks most alike in the source views.
-//! [`refine_geometric`] goes on with the depth maps that the source views have got in the same way.
+//! [`refine`] solves one reference view. The seed is a depth map, which may be far smaller than the photograph. Near
+//! its depth, each pixel gets the plane for which the window around the pixel correlates best with the source views.
+//! [`refine_geometric`] refines the result with the depth maps that the source views have got in the same way.
 //!
-//! A plane is stored as inverse depth, which is affine in image coordinates; steps are in pixels of disparity.
-//! So nothing depends on the scale, the rotation or the place of the scene. Images are seen as 8-bit luminance; windows
-//! are 11×11 pixels with bilateral weights, compared by zero-mean normalised cross-correlation. The result is the same
-//! for any number of threads and, bit for bit, for all instruction sets of [`Isa`].
+//! A plane is stored as inverse depth, which is affine in image coordinates; steps are in pixels of disparity. So
+//! nothing depends on the scale, the rotation or the position of the scene. Images are converted to 8-bit luminance;
+//! windows are 11×11 pixels with bilateral weights, compared by zero-mean normalised cross-correlation. The result is
+//! the same for any number of threads and, bit for bit, for all instruction sets of [`Isa`].
 //!
-//! The crate knows no file and no tensor.
+//! The crate reads no files and holds no tensors.
 
 mod confidence;
 mod correlation;
@@ -45,7 +45,7 @@ use field::{Field, State};
 use matcher::Matcher;
 use sweep::{Sweep, consider, sweep};
 
-/// What a depth map is refined with.
+/// The inputs of a refinement.
 #[derive(Clone, Copy)]
 pub(crate) struct Problem<'a> {
     pub reference: &'a Photo,
@@ -57,28 +57,28 @@ pub(crate) struct Problem<'a> {
 /// Why a depth map cannot be refined.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RefineError {
-    /// There is nothing to match with.
+    /// There is no source view.
     #[error("expected at least one source view to refine a depth map with, got none")]
     NoSource,
-    /// A photograph that is no image.
+    /// A photograph is smaller than 16×16 pixels.
     #[error("expected photographs of at least 16×16 pixels, got one of {0}")]
     TooSmall(Size),
-    /// A grid that is not the reference's.
+    /// There are fewer grids than source views.
     #[error("expected one {what} for each of the {expected} source views, got {found}")]
     Count {
-        /// What there is one of for each source.
+        /// What there must be for each source view.
         what: &'static str,
         /// Number of source views.
         expected: usize,
         /// Number of grids.
         found: usize,
     },
-    /// A mask or depth that has not the size of its photograph.
-    #[error("expected a {what} of the photograph's size {expected}, got {found}")]
+    /// A camera, mask or grid does not have the size of the image that it belongs to.
+    #[error("expected a size of {expected} for the {what}, got {found}")]
     Size {
         /// What has another size.
         what: &'static str,
-        /// The photograph's size.
+        /// The size of the image that it belongs to.
         expected: Size,
         /// Its size.
         found: Size,
@@ -88,9 +88,9 @@ pub enum RefineError {
 /// Refines a depth map to the size of the reference photograph, or to a half or a quarter of it
 /// ([`RefineOptions::halvings`]).
 ///
-/// `seed` is a depth map of the reference view at any scale; where it has holes, depth is searched around what is near.
-/// `visibility` holds for each source how likely it sees what each reference pixel shows, in [0, 1], at any size; it may
-/// be empty. Pixels outside of the reference's mask get no depth.
+/// `seed` is a depth map of the reference view at any scale; its holes are filled from the nearest depth before the
+/// search. `visibility` holds a grid for each source: how likely the source sees what each reference pixel shows, in
+/// [0, 1], at any size; it may be empty. Pixels outside of the reference's mask get no depth.
 ///
 /// # Errors
 /// If there is no source, or sizes or counts do not fit together.
@@ -119,9 +119,9 @@ pub fn refine(
     Ok(refined::refined((camera, reference.cam_from_world), &field, &matcher, seed))
 }
 
-/// Refines once more, to the size of the photograph, what [`refine`] gave at this or half of this size, with the depth
-/// maps that it gave for the source views (`None` where one has none): a plane then also costs where the sources' own
-/// surfaces are not met.
+/// Refines a result of [`refine`] once more, to the size of the photograph, with depth maps of the source views
+/// (`None` for a source that has none): the energy of a plane then also has a cost for missing the sources' own
+/// surfaces. `first` must have the size of the photograph or half of it.
 ///
 /// # Errors
 /// If there is no source, or sizes or counts do not fit together.
@@ -165,7 +165,7 @@ pub fn refine_geometric(
     Ok(refined::refined((reference.camera, reference.cam_from_world), &field, &matcher, seed))
 }
 
-/// The planes with their energies.
+/// The same planes with their energies evaluated.
 fn judged(planes: &Field, matcher: &Matcher) -> Field {
     Field::new(planes.size(), |x, y| {
         let mut state = *planes.at(x, y);
@@ -197,7 +197,7 @@ fn check_size(what: &'static str, expected: Size, found: Size) -> Result<(), Ref
     if expected == found { Ok(()) } else { Err(RefineError::Size { what, expected, found }) }
 }
 
-/// Smooths the planes and removes speckles.
+/// Smooths the planes and removes speckles, small isolated pieces of surface.
 fn finish(field: &mut Field, matcher: &Matcher) {
     let mut steps = Grid::filled(field.size(), 0.0);
     steps.data_mut().par_chunks_exact_mut(field.size().width.max(1)).enumerate().for_each(|(y, row)| {
@@ -209,7 +209,8 @@ fn finish(field: &mut Field, matcher: &Matcher) {
     remove_speckles(field, &steps, matcher.options.speckle);
 }
 
-/// Removes small pieces of surface: neighbouring pixels belong together if their planes meet within a pixel.
+/// Removes connected pieces of fewer than `least` pixels. Two neighbouring pixels are connected if their planes
+/// differ by less than a pixel of disparity.
 fn remove_speckles(field: &mut Field, steps: &Grid<f32>, least: usize) {
     let size = field.size();
     let at = |place: usize| (place % size.width, place / size.width);

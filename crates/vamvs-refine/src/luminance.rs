@@ -1,13 +1,14 @@
-//! Photographs as the matcher reads them: 8-bit luminance, padded or as 2×2 neighbourhoods in one word.
+//! Photographs in the matcher's formats: 8-bit luminance, either padded or packed as 2×2 neighbourhoods in one
+//! word.
 
 use rayon::prelude::*;
 use vamvs_core::{Grid, Photo, Rgb, Size};
 
-/// Pixels by which [`Padded`] is larger on each side: the radius of the window and one more.
+/// Width of the border of [`Padded`], pixels: the radius of the window plus one.
 pub(crate) const BORDER: usize = 6;
 
-/// Stands for what does not count, outside of the image or the mask: so unlike every grey value that a bilateral
-/// weight makes nothing of it.
+/// The value of pixels outside of the image or the mask. It is so far from every grey value that its bilateral
+/// weight is negligible.
 pub(crate) const NOTHING: f32 = -1e4;
 
 /// Rec. 709 luma of a photograph, grey values 0 to 255.
@@ -25,7 +26,8 @@ pub(crate) fn luminance(image: &Grid<Rgb>) -> Grid<u8> {
     out
 }
 
-/// The image at half the size, each pixel the mean of four; a last odd row or column is lost.
+/// The image at half the size, each pixel the mean of four; the last row or column is dropped if their number is
+/// odd.
 pub(crate) fn halved(image: &Grid<u8>) -> Grid<u8> {
     let size = Size::new(image.width() / 2, image.height() / 2);
     Grid::from_fn(size, |x, y| {
@@ -34,7 +36,7 @@ pub(crate) fn halved(image: &Grid<u8>) -> Grid<u8> {
     })
 }
 
-/// The mask at half the size: a pixel counts if all of its four do.
+/// The mask at half the size: a pixel is used if all of its four are.
 pub(crate) fn halved_mask(mask: &Grid<bool>) -> Grid<bool> {
     let size = Size::new(mask.width() / 2, mask.height() / 2);
     Grid::from_fn(size, |x, y| (0..4).all(|i| mask[(2 * x + i % 2, 2 * y + i / 2)]))
@@ -59,7 +61,7 @@ impl Padded {
         Self { size, grid: Grid::from_fn(padded, value) }
     }
 
-    /// The values from `(x − BORDER, y − BORDER)` on, and how many there are in a row.
+    /// The values from `(x − BORDER, y − BORDER)` on, row-major, and their row stride.
     #[inline]
     pub fn around(&self, x: usize, y: usize) -> (&[f32], usize) {
         let stride = self.grid.width();
@@ -73,8 +75,9 @@ impl Padded {
     }
 }
 
-/// A source photograph's luminance: in the word of pixel (x, y) are, from the lowest byte, the values of (x, y),
-/// (x + 1, y), (x, y + 1), (x + 1, y + 1), so that one load fetches all that bilinear sampling needs.
+/// A source photograph's luminance, packed for bilinear sampling with one load per sample. The word of pixel (x,
+/// y) holds, from the lowest byte, the values of (x, y), (x + 1, y), (x, y + 1) and (x + 1, y + 1); the border
+/// is replicated.
 pub(crate) struct Quads {
     grid: Grid<u32>,
 }

@@ -1,4 +1,4 @@
-//! The photographs at one resolution, and a reference pixel among them.
+//! The photographs at one resolution, and a reference pixel to be matched.
 
 use vamvs_core::{Grid, Size};
 
@@ -16,7 +16,7 @@ pub(crate) struct Matcher<'a> {
     pub isa: Isa,
 }
 
-/// A reference pixel with all that does not depend on the plane.
+/// A reference pixel with all quantities that do not depend on the plane.
 pub(crate) struct Pixel<'a> {
     pub matcher: &'a Matcher<'a>,
     /// Its centre, pixels.
@@ -24,18 +24,19 @@ pub(crate) struct Pixel<'a> {
     pub y: f32,
     /// Its window.
     pub window: Window,
-    /// The change of inverse depth that moves the sources' pixels by one, the mean over them.
+    /// The change of inverse depth that is one pixel of disparity, on average over the sources.
     pub step: f32,
-    /// Inverse depth that was known before; 0 if none was.
+    /// The prior inverse depth; 0 if there is none.
     pub prior: f32,
     /// [`crate::transfer::Transfer::ray`] for each source.
     pub rays: [[f32; 3]; MOST_SOURCES],
-    /// What each source's cost is raised by when the best are chosen.
+    /// What is added to each source's cost when the best sources are chosen.
     pub handicaps: [f32; MOST_SOURCES],
 }
 
 impl<'a> Matcher<'a> {
-    /// The change of inverse depth at `(x, y)` that moves the sources' pixels by one, the mean over them.
+    /// The change of inverse depth at `(x, y)`, near inverse depth `w`, that is one pixel of disparity, on average
+    /// over the sources.
     pub fn step(&self, x: usize, y: usize, w: f32) -> f32 {
         let of = |source: &Source| {
             let ray = source.transfer.ray(x as f32 + 0.5, y as f32 + 0.5);
@@ -44,7 +45,8 @@ impl<'a> Matcher<'a> {
         self.sources.len() as f32 / self.sources.iter().map(of).sum::<f32>()
     }
 
-    /// The pixel `(x, y)`, near inverse depth `w`. `None` where it is masked or no source sees it move with depth.
+    /// The pixel `(x, y)`, near inverse depth `w`. `None` if it is masked, or if its projection moves with depth
+    /// in no source view.
     #[inline]
     pub fn pixel(&'a self, x: usize, y: usize, w: f32, prior: f32) -> Option<Pixel<'a>> {
         if self.image.at(x, y) < 0.0 {

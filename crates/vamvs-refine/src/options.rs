@@ -1,38 +1,39 @@
-//! How depth maps are refined.
+//! Options of the refinement.
 
 use serde::{Deserialize, Serialize};
 
-/// How [`crate::refine`] and [`crate::refine_geometric`] work. Pixels of disparity are those of the source views, the
-/// mean over them; nothing depends on the scene's scale.
+/// Options of [`crate::refine`] and [`crate::refine_geometric`]. A pixel of disparity is a shift of one pixel in the
+/// source views, on average over them, so nothing depends on the scene's scale.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 #[non_exhaustive]
 pub struct RefineOptions {
-    /// How often the photograph's size is halved for the result of [`crate::refine`], 2 times at most: 1 does for a
-    /// first pass.
+    /// How often the size of the photograph is halved for the result of [`crate::refine`], at most twice. Once is
+    /// enough for a first pass.
     pub halvings: usize,
-    /// How many source views, those that match best, a pixel's correlation is the mean of.
+    /// The correlation of a pixel is the mean over this many source views, those that match best.
     pub views: usize,
-    /// Difference of luminance at which a texel counts a quarter, grey values.
+    /// Difference of luminance at which a texel has a quarter of its weight, grey values.
     pub colour: f32,
-    /// Noise of the photographs, grey values: windows of less contrast are matched by the seed.
+    /// Noise of the photographs, grey values. Where a window has less contrast than that, the seed decides.
     pub noise: f32,
-    /// How far to both sides of the seed depth is searched, pixels of disparity at the resolution that is searched
-    /// first: a half or a quarter of the photograph's.
+    /// Depth is searched this far to both sides of the seed, in pixels of disparity at the first resolution: a half
+    /// or a quarter of the photograph's.
     pub search: u32,
-    /// Sweeps over the image at the resolution that is searched first; at each finer one there is one more.
+    /// Number of sweeps over the image at the first resolution; each finer one has one sweep.
     pub sweeps: usize,
-    /// What departing from the seed costs at most, in correlation.
+    /// The largest cost of departing from the seed, in correlation.
     pub prior: f32,
-    /// The departure from the seed at which that is reached, pixels of disparity.
+    /// The departure from the seed at which the cost is largest, pixels of disparity.
     pub prior_reach: f32,
-    /// By how much a source view that the network takes for occluded is handicapped, in correlation.
+    /// The handicap, in correlation, of a source view that the network considers occluded, when the best views are
+    /// chosen.
     pub visibility: f32,
-    /// The cost of a pixel of forward-backward reprojection error, in correlation ([`crate::refine_geometric`]).
+    /// The cost per pixel of forward-backward reprojection error, in correlation ([`crate::refine_geometric`]).
     pub geometric: f32,
-    /// The largest such error that counts, pixels.
+    /// The limit of that error, pixels: larger errors cost no more.
     pub geometric_reach: f32,
-    /// Connected pieces of fewer pixels go.
+    /// Connected pieces of fewer pixels are removed.
     pub speckle: usize,
 }
 

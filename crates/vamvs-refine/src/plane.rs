@@ -3,16 +3,16 @@
 use nalgebra::Vector3;
 use vamvs_core::Intrinsics;
 
-/// A plane by its inverse depth: 1/z of a plane is affine in image coordinates.
+/// A plane as inverse depth: on a plane in space, 1/z is affine in image coordinates.
 ///
 /// `w(x + dx, y + dy) = w + gx · dx + gy · dy` with (x, y) the centre of the pixel that the plane belongs to.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Plane {
-    /// Inverse depth at the pixel's centre, 1/scene unit; 0 where there is none.
+    /// Inverse depth at the pixel's centre, 1 / scene unit; 0 if the pixel has no plane.
     pub w: f32,
-    /// Change of inverse depth for a pixel to the right.
+    /// Change of inverse depth per pixel to the right.
     pub gx: f32,
-    /// Change of inverse depth for a pixel down.
+    /// Change of inverse depth per pixel down.
     pub gy: f32,
 }
 
@@ -23,21 +23,23 @@ impl Plane {
         Self { w: self.w + self.gx * dx + self.gy * dy, ..*self }
     }
 
-    /// The same plane in an image of twice the size, seen `dx`, `dy` of its pixels beside the same place.
+    /// The same plane in an image of twice the size, seen from `dx`, `dy` pixels of that image beside the same
+    /// point.
     #[inline]
     pub fn doubled(&self, dx: f32, dy: f32) -> Self {
         Self { gx: 0.5 * self.gx, gy: 0.5 * self.gy, ..*self }.seen_from(dx, dy)
     }
 
-    /// The unit normal in the camera's frame, towards the camera, of the plane of the pixel with centre `(x, y)`.
+    /// The plane's unit normal in the camera's frame, towards the camera; `(x, y)` is the centre of the pixel.
     pub fn normal(&self, camera: &Intrinsics, x: f64, y: f64) -> Vector3<f64> {
         let [w, gx, gy] = [self.w, self.gx, self.gy].map(f64::from);
-        // Points X of the plane have n · X = 1, and w = n · K⁻¹ (x, y, 1).
+        // Points X of the plane satisfy n · X = 1, so w = n · K⁻¹ (x, y, 1).
         let n = Vector3::new(gx * camera.fx, gy * camera.fy, w - gx * (x - camera.cx) - gy * (y - camera.cy));
         -n / n.norm()
     }
 
-    /// The plane with a unit normal in the camera's frame through the point at `depth` on the ray of `(x, y)`.
+    /// The plane with `normal`, in the camera's frame, through the point at `depth` on the ray of the pixel with
+    /// centre `(x, y)`.
     pub fn from_normal(normal: &Vector3<f64>, depth: f64, camera: &Intrinsics, x: f64, y: f64) -> Self {
         let ray = Vector3::new((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0);
         let n = normal / (normal.dot(&ray) * depth);

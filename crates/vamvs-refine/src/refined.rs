@@ -1,4 +1,4 @@
-//! What refinement gives.
+//! The result of a refinement.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -16,35 +16,36 @@ pub struct Refined {
     pub map: DepthMap,
     /// Unit normals in the reference camera's frame, towards the camera; zero where there is no depth.
     pub normals: Grid<[f32; 3]>,
-    /// What confidence was made of.
+    /// The features from which confidence was computed.
     pub features: Grid<Features>,
 }
 
-/// What tells inliers from outliers.
+/// Features that separate inliers from outliers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Features {
-    /// Mean correlation of the source views that match best, −1 to 1, before planes were smoothed; 0 without texture.
+    /// Mean correlation of the source views that match best, −1 to 1, before planes are smoothed; 0 without texture.
     pub correlation: f32,
     /// Standard deviation of luminance in the window, grey values.
     pub texture: f32,
     /// Distance to the seed, pixels of disparity; −1 where the seed had no depth.
     pub moved: f32,
-    /// How likely the depth was right before the photographs were compared, 0 where there was none.
+    /// How likely the depth was right before this refinement, from the seed's confidence; 0 where the seed had no
+    /// depth.
     pub seed: f32,
-    /// Share of the source views whose own depth maps have the same surface within a pixel; −1 before
-    /// [`crate::refine_geometric`].
+    /// Share of the source views whose own depth maps have the same surface, to one pixel of reprojection error; −1
+    /// before [`crate::refine_geometric`].
     pub geometric: f32,
 }
 
 impl Refined {
-    /// The normals in the world, as `normals/NAME.pfm` holds them; zero where there is no depth.
+    /// Unit normals in the world, as `normals/NAME.pfm` holds them; zero where there is no depth.
     #[must_use]
     pub fn normals_in_world(&self) -> Grid<[f32; 3]> {
         let world_from_cam = self.map.cam_from_world.rotation.transpose().cast::<f32>();
         self.normals.map(|&normal| (world_from_cam * Vector3::from(normal)).into())
     }
 
-    /// What [`crate::refine_geometric`] goes on with.
+    /// The depth map and normals, as input of [`crate::refine_geometric`].
     #[must_use]
     pub fn surface(&self) -> Surface<'_> {
         Surface { map: &self.map, normals: &self.normals }
@@ -81,8 +82,8 @@ struct Outcome {
     features: Features,
 }
 
-/// The result of a field. `seed(x, y)` tells the inverse depth and the confidence that the seed has at a pixel, both 0
-/// where it has none.
+/// The result of a field. `seed(x, y)` gives the seed's inverse depth and confidence at a pixel, both 0 where it has
+/// none.
 pub(crate) fn refined(
     (camera, cam_from_world): (Pinhole, Pose),
     field: &Field,

@@ -1,32 +1,34 @@
 //! Bilinear samples of a source image at the texels of a window.
 //!
-//! Loops instead of closures: what is not inlined into a function for an instruction set is compiled without it.
+//! The code uses loops instead of closures: a closure that is not inlined would be compiled without the caller's
+//! instruction set.
 
 use crate::luminance::Quads;
 use crate::transfer::Affine;
 use crate::window::OFFSETS;
 
-/// What lies around some places in the image: four grey values each, and where between them the place is.
+/// The neighbourhoods of some positions in the image: the four grey values around each, and the fractional parts
+/// of its coordinates.
 pub(crate) struct Samples<const N: usize> {
     quads: [u32; N],
     fx: [f32; N],
     fy: [f32; N],
 }
 
-/// Samples of the source at `N` texels from `begin` on. Outside of the image its border goes on.
+/// Samples of the source at `N` texels from texel `begin` on. The image's border is replicated.
 #[inline(always)]
 pub(crate) fn sample<const N: usize>(source: &Quads, warp: &Affine, begin: usize) -> Samples<N> {
     let (words, size) = (source.words(), source.size());
     let (last_x, last_y) = ((size.width - 1) as f32, (size.height - 1) as f32);
     let (dx, dy) = (&OFFSETS.0[begin..begin + N], &OFFSETS.1[begin..begin + N]);
     let (mut fx, mut fy, mut index) = ([0.0; N], [0.0; N], [0_u32; N]);
-    // From image coordinates to those in which pixel centres are whole numbers.
+    // From image coordinates to coordinates whose integers are pixel centres.
     let (u, v) = (warp.u - 0.5, warp.v - 0.5);
     for i in 0..N {
         let x = warp.ux.mul_add(dx[i], warp.uy.mul_add(dy[i], u));
         let y = warp.vx.mul_add(dx[i], warp.vy.mul_add(dy[i], v));
         let (x, y) = (at_most(at_least(x, 0.0), last_x), at_most(at_least(y, 0.0), last_y));
-        // SAFETY: both lie between 0 and a size, and NaN has become 0.
+        // SAFETY: both lie between 0 and the last column or row; NaN has become 0.
         let (column, row): (i32, i32) = unsafe { (x.to_int_unchecked(), y.to_int_unchecked()) };
         fx[i] = x - column as f32;
         fy[i] = y - row as f32;
@@ -41,7 +43,7 @@ pub(crate) fn sample<const N: usize>(source: &Quads, warp: &Affine, begin: usize
 }
 
 impl<const N: usize> Samples<N> {
-    /// The values less `mean`.
+    /// The bilinear values minus `mean`.
     #[inline(always)]
     #[expect(clippy::needless_range_loop, reason = "all of several arrays are indexed")]
     pub fn values(&self, mean: f32) -> [f32; N] {
@@ -55,7 +57,7 @@ impl<const N: usize> Samples<N> {
         values
     }
 
-    /// The change of the values for a pixel to the right and down.
+    /// The change of the values per source pixel to the right, and down.
     #[inline(always)]
     pub fn gradient(&self) -> ([f32; N], [f32; N]) {
         let (mut right, mut down) = ([0.0; N], [0.0; N]);
@@ -78,7 +80,7 @@ fn bytes(quad: u32) -> [f32; 4] {
     ]
 }
 
-/// The larger value; `least` for NaN. One instruction, which [`f32::max`] is not.
+/// The larger of both; `least` if `value` is NaN. This compiles to one instruction, which [`f32::max`] does not.
 #[inline(always)]
 pub(crate) fn at_least(value: f32, least: f32) -> f32 {
     if value > least { value } else { least }

@@ -1,4 +1,5 @@
-//! The seed as planes: holes filled, slopes from neighbours, and joint bilateral upsampling.
+//! The seed as planes: depth completion of its holes, slopes from neighbouring pixels, and joint bilateral
+//! upsampling.
 
 use rayon::prelude::*;
 use vamvs_core::depth_map::is_valid;
@@ -7,28 +8,27 @@ use vamvs_core::{DepthMap, Grid, Pinhole, Size};
 use crate::luminance::Padded;
 use crate::plane::Plane;
 
-/// Pixels of the seed to each side of a pixel that are looked at.
+/// Radius of the window of upsampling, pixels of the seed.
 const RADIUS: usize = 1;
 const WINDOW: usize = (2 * RADIUS + 1) * (2 * RADIUS + 1);
 
-/// Deviation of distances, pixels of the seed.
+/// Standard deviation of the spatial weight, pixels of the seed.
 const DISTANCE: f32 = 0.8;
 
-/// Difference of luminance at which a pixel of the seed counts half, grey values.
+/// Difference of luminance at which a pixel of the seed has a quarter of its weight, grey values.
 const COLOUR: f32 = 10.0;
 
-/// Inverse depths of a window that differ by more than this many times their median difference to neighbours, or by
-/// more than this share, are of two surfaces.
+/// A window shows more than one surface if its inverse depths differ by more than this share of the largest.
 const JUMP: f32 = 0.02;
 
-/// What the seed says of a pixel of the photograph.
+/// The seed upsampled to a pixel of the photograph.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Guess {
-    /// The likeliest plane; w = 0 if the seed has no depth at all.
+    /// The likeliest plane; w = 0 if the whole seed has no depth.
     pub plane: Plane,
-    /// The nearest and the farthest inverse depth of the surfaces around.
+    /// The inverse depths of the nearest and of the farthest surface in the seed's window.
     pub ends: [f32; 2],
-    /// The seed's confidence; negative where it has no depth.
+    /// The seed's confidence; −1 where it has no depth.
     pub confidence: f32,
 }
 
@@ -55,7 +55,7 @@ impl Seed {
         Self { planes, confidence, camera: map.camera }
     }
 
-    /// The guess for each pixel of a photograph, with the camera of its size.
+    /// The guess for each pixel of a photograph; `camera` must have the photograph's size.
     pub fn guesses(&self, image: &Padded, camera: &Pinhole) -> Grid<Guess> {
         let view = Mapping::new(camera, &self.camera);
         let guide = self.guide(image, &view);
@@ -69,7 +69,7 @@ impl Seed {
         guesses
     }
 
-    /// The photograph's luminance at the seed's size: the mean under each of its pixels.
+    /// The photograph's luminance at the seed's size: the mean over the pixels under each pixel of the seed.
     fn guide(&self, image: &Padded, view: &Mapping) -> Grid<f32> {
         let reach = |ratio: f32, at: usize, first: f32, count: usize| {
             let begin = ((at as f32 - first) / ratio).max(0.0) as usize;
@@ -110,7 +110,7 @@ impl Seed {
     }
 }
 
-/// Planes around a pixel, as seen from it, with their weights.
+/// The planes in the window around a pixel, extended to it, with their weights.
 struct Near {
     values: [(Plane, f32); WINDOW],
     count: usize,
@@ -122,8 +122,8 @@ impl Near {
         self.count += 1;
     }
 
-    /// The likeliest plane, and the nearest and farthest surface: of one surface the mean plane, of several the
-    /// weighted median.
+    /// The likeliest plane, and the inverse depths of the nearest and the farthest surface. On one surface, the
+    /// likeliest plane is the weighted mean; across several, it is the weighted median by inverse depth.
     fn plane(mut self) -> (Plane, [f32; 2]) {
         let values = &mut self.values[..self.count];
         values.sort_unstable_by(|a, b| a.0.w.total_cmp(&b.0.w));
@@ -148,7 +148,8 @@ fn mean(values: &[(Plane, f32)], total: f32) -> Plane {
     Plane { w: mean(|plane| plane.w), gx: mean(|plane| plane.gx), gy: mean(|plane| plane.gy) }
 }
 
-/// The change of inverse depth for a pixel: of the differences to both sides the smaller, 0 if they disagree.
+/// The change of inverse depth per pixel: the smaller of the differences to both sides; 0 if their signs differ,
+/// and at the border.
 fn slope(before: Option<f32>, own: f32, after: Option<f32>) -> f32 {
     let (back, forth) = (before.map(|before| own - before), after.map(|after| after - own));
     match (back, forth) {
@@ -164,7 +165,8 @@ fn slope(before: Option<f32>, own: f32, after: Option<f32>) -> f32 {
     }
 }
 
-/// Gives each pixel without inverse depth that of a near one, going over the image forth and back.
+/// Gives each pixel without depth the inverse depth of a nearest pixel that has one (city-block distance), in a
+/// forward and a backward pass over the image.
 fn fill(w: &mut Grid<f32>) {
     let Size { width, height } = w.size();
     let mut distance = w.map(|&w| if w > 0.0 { 0_u32 } else { u32::MAX });
@@ -190,11 +192,11 @@ fn fill(w: &mut Grid<f32>) {
     }
 }
 
-/// Where a pixel of the photograph lies in the seed.
+/// The map from image coordinates of the photograph to those of the seed.
 struct Mapping {
-    /// Pixels of the seed for one of the photograph.
+    /// Pixels of the seed per pixel of the photograph.
     ratio: [f32; 2],
-    /// Where the photograph's corner lies in the seed.
+    /// The position of the photograph's upper left corner in the seed, pixels.
     origin: [f32; 2],
 }
 

@@ -1,4 +1,4 @@
-//! Planes averaged over neighbours on the same surface.
+//! Smooths planes by averaging over neighbours on the same surface.
 
 use rayon::prelude::*;
 use vamvs_core::Grid;
@@ -7,15 +7,15 @@ use crate::field::Field;
 use crate::isa::{Isa, for_each_isa};
 use crate::plane::Plane;
 
-/// Pixels to each side.
+/// Radius of the window, pixels.
 const RADIUS: usize = 3;
 
-/// Difference in disparity at which a neighbour counts a quarter, pixels.
+/// Difference in disparity at which a neighbour has a quarter of its weight, pixels.
 const SAME: f32 = 0.3;
 
-/// Makes each plane the mean of those around it, as seen from its pixel: the more a neighbour's plane passes through the
-/// same point, the more it counts, so that edges of depth stay. `steps` holds the change of inverse depth that is a
-/// pixel of disparity.
+/// Replaces each plane by the weighted mean of the planes around it, extended to its pixel. The weight falls with the
+/// difference in inverse depth there, so that depth edges stay sharp. `steps` holds, for each pixel, the change of
+/// inverse depth that is one pixel of disparity.
 pub(crate) fn smooth(field: &mut Field, steps: &Grid<f32>, isa: Isa) {
     let planes = Planes::of(field);
     let width = field.size().width;
@@ -36,16 +36,16 @@ pub(crate) fn smooth(field: &mut Field, steps: &Grid<f32>, isa: Isa) {
     );
 }
 
-/// The planes of a field, number by number, with a border without planes.
+/// The planes of a field, one array per parameter, with a border of pixels without planes.
 struct Planes {
     stride: usize,
-    /// w, gx and gy of [`Plane`].
+    /// `w`, `gx` and `gy` of [`Plane`].
     numbers: [Vec<f32>; 3],
 }
 
 /// Weighted sums for the pixels of a row.
 struct Sums {
-    /// Of w less the pixel's own, of gx and of gy.
+    /// The sums of `w` minus the pixel's own, of `gx` and of `gy`.
     numbers: [Vec<f32>; 3],
     weights: Vec<f32>,
 }
@@ -70,12 +70,12 @@ impl Planes {
         }
     }
 
-    /// `width` pixels of a row, border included.
+    /// `width` pixels of row `y`, from column `x` on; rows and columns include the border.
     fn row(&self, y: usize, x: usize, width: usize) -> [&[f32]; 3] {
         self.numbers.each_ref().map(|numbers| &numbers[y * self.stride + x..][..width])
     }
 
-    /// The sums of row `y` of the image over all neighbours.
+    /// The sums over all neighbours for the pixels of row `y` of the image.
     fn add_up(&self, y: usize, scale: &[f32], sums: &mut Sums, isa: Isa) {
         let width = scale.len();
         let own = self.row(y + RADIUS, RADIUS, width)[0];
@@ -100,7 +100,7 @@ impl Sums {
         self.weights.fill(0.0);
     }
 
-    /// The mean plane at `x`, whose own inverse depth is `w`; its own plane counts in any case.
+    /// The mean plane at `x`, whose own inverse depth is `w`. The pixel's own plane has weight 1, so the mean exists.
     fn mean(&self, x: usize, w: f32) -> Plane {
         let [change, gx, gy] = self.numbers.each_ref().map(|numbers| numbers[x] / self.weights[x]);
         Plane { w: w + change, gx, gy }
@@ -108,7 +108,7 @@ impl Sums {
 }
 
 for_each_isa! {
-    /// Adds the neighbours of a row's pixels at one offset.
+    /// Adds the neighbours at one offset of all pixels of a row.
     fn add(sums: &mut Sums, own: &[f32], scale: &[f32], planes: [&[f32]; 3], offset: [f32; 2]) -> () = add_row
 }
 
@@ -142,7 +142,7 @@ mod tests {
     use crate::field::State;
     use vamvs_core::Size;
 
-    /// Two planes that meet nowhere, with noise of up to 2e-3, and a hole.
+    /// Two planes that do not intersect, with noise of up to 2e-3, and a hole.
     fn field() -> Field {
         Field::new(Size::new(37, 21), |x, y| {
             let noise = ((x * 7 + y * 13) % 5) as f32 - 2.0;

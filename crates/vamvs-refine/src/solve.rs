@@ -1,4 +1,4 @@
-//! From the seed to planes at full size, resolution by resolution.
+//! From the seed to planes at full size, from coarse to fine.
 
 use vamvs_core::{DepthMap, Grid, Photo, Pinhole};
 
@@ -11,13 +11,14 @@ use crate::source::{Source, reduced};
 use crate::sweep::{Sweep, consider, sweep};
 use crate::{Isa, Problem, RefineOptions};
 
-/// Halvings of the photograph at which the search begins.
+/// Most halvings of the photograph.
 const MOST_LEVELS: usize = 2;
 
-/// Planes of neighbours at half the resolution are tried if they are farther from the own one, pixels of disparity.
+/// When planes are enlarged, a neighbour's plane is tried if it is farther from the pixel's own than this, pixels
+/// of disparity.
 const APART: f32 = 0.5;
 
-/// The matcher of a problem at 1/2^level.
+/// The matcher of a problem, with photographs at 1/2^level of their size.
 pub(crate) fn matcher<'a>(problem: &Problem<'a>, level: usize) -> Matcher<'a> {
     let reference = problem.reference;
     let (image, mask) = luminance::at_level(reference, level);
@@ -34,7 +35,7 @@ pub(crate) fn matcher<'a>(problem: &Problem<'a>, level: usize) -> Matcher<'a> {
     }
 }
 
-/// Planes at the resolution that is wanted, and what the seed said, at the resolution where the search began.
+/// The planes at the last resolution, the upsampled seed at the first one, and the matcher of the last one.
 pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<Guess>, Matcher<'a>) {
     let last = last_level(problem.options);
     let first = first_level(&problem.reference.camera, seed).max(last);
@@ -55,18 +56,19 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
     (field, guesses, matcher)
 }
 
-/// At which halving the search ends.
+/// The level (number of halvings) of the result.
 pub(crate) fn last_level(options: &RefineOptions) -> usize {
     options.halvings.min(MOST_LEVELS)
 }
 
-/// At which halving the search begins: where the seed's pixels are one to two pixels wide, but not at full size.
+/// The level at which the search begins: that at which a pixel of the seed is one to two pixels wide, limited to 1
+/// to [`MOST_LEVELS`].
 fn first_level(camera: &Pinhole, seed: &DepthMap) -> usize {
     let ratio = camera.intrinsics.fx / seed.camera.intrinsics.fx;
     (ratio.log2().floor() as usize).clamp(1, MOST_LEVELS)
 }
 
-/// The best planes near the seed: along the ray around its plane, and the surfaces beside it.
+/// The best planes near the seed: steps in depth around its plane, and the surfaces beside it.
 fn search(matcher: &Matcher, guesses: &Grid<Guess>) -> Field {
     Field::new(matcher.image.size, |x, y| {
         let guess = &guesses[(x, y)];
@@ -92,13 +94,13 @@ fn search(matcher: &Matcher, guesses: &Grid<Guess>) -> Field {
 }
 
 impl Guess {
-    /// The inverse depth if the seed has one here, 0 else.
+    /// The inverse depth where the seed itself has one; 0 where it was filled in.
     pub fn trusted(&self) -> f32 {
         if self.confidence >= 0.0 { self.plane.w } else { 0.0 }
     }
 }
 
-/// The plane of the pixel of half the resolution that holds `(x, y)`, as seen from it.
+/// The plane of the pixel at half the resolution that contains `(x, y)`, as seen from `(x, y)`, and that pixel.
 pub(crate) fn parent(coarse: &Field, x: usize, y: usize) -> (Plane, (usize, usize)) {
     let size = coarse.size();
     let (px, py) = ((x / 2).min(size.width - 1), (y / 2).min(size.height - 1));
@@ -110,7 +112,7 @@ fn seen_below(coarse: &Field, (px, py): (usize, usize), (x, y): (usize, usize)) 
     coarse.at(px, py).plane.doubled(offset(x, px), offset(y, py))
 }
 
-/// The planes at twice the resolution: of the four nearest pixels' planes the best.
+/// The planes at twice the resolution: each pixel takes the best plane of the four nearest coarse pixels.
 pub(crate) fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
     let size = coarse.size();
     Field::new(matcher.image.size, |x, y| {

@@ -6,10 +6,10 @@ use crate::geometry::Geometry;
 use crate::luminance::{self, Quads};
 use crate::transfer::Transfer;
 
-/// The most source views that are looked at; more are left aside.
+/// Most source views that are used; further ones are ignored.
 pub const MOST_SOURCES: usize = 16;
 
-/// A source photograph at some resolution, and how the reference view projects into it.
+/// A source photograph at some resolution, with the projection from the reference view into it.
 pub(crate) struct Source<'a> {
     pub quads: Quads,
     pub transfer: Transfer,
@@ -20,7 +20,8 @@ pub(crate) struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// The source at 1/2^level for a reference camera that is already reduced.
+    /// The source at 1/2^level of the photograph's size; the `reference` camera must have that
+    /// level already.
     pub fn new(photo: &Photo, level: usize, reference: (&Pinhole, &Pose)) -> Self {
         let (image, _) = luminance::at_level(photo, level);
         let camera = reduced(&photo.camera, level);
@@ -28,12 +29,13 @@ impl<'a> Source<'a> {
         Self { quads: Quads::new(&image), transfer, visibility: None, geometry: None }
     }
 
-    /// The source with what the network says of it.
+    /// The source with the network's visibility.
     pub fn with_visibility(self, visibility: Option<&'a Grid<f32>>) -> Self {
         Self { visibility, ..self }
     }
 
-    /// The source, which took `photo`, with its depth map.
+    /// The source with its depth map; `photo` is the source's photograph and `reference` the
+    /// reference camera, both at full size.
     pub fn with_depth(self, map: Option<&DepthMap>, photo: &Photo, reference: (&Pinhole, &Pose)) -> Self {
         let source = (&photo.camera, &photo.cam_from_world);
         Self { geometry: map.map(|map| Geometry::new(map, source, reference)), ..self }

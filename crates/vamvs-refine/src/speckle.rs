@@ -1,9 +1,9 @@
-//! Small connected pieces of a depth map.
+//! Speckles: small connected pieces of a depth map.
 
 use vamvs_core::{Grid, Size};
 
-/// The pixels of pieces of fewer than `least` pixels, each a list. Two neighbouring pixels with depth belong together
-/// if `joined(a, b)`, given their places in the row-major grid.
+/// The pixels of all connected pieces of fewer than `least` pixels, as indices into the row-major grid. Two
+/// neighbouring pixels with depth are connected if `joined(a, b)` holds for their indices.
 pub(crate) fn small_pieces(
     size: Size,
     least: usize,

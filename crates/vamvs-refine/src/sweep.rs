@@ -1,4 +1,4 @@
-//! A sweep over the image: planes of neighbours are tried, and the best is polished.
+//! A sweep over the image: each pixel tries the planes of its neighbours and refines the best one.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -6,7 +6,7 @@ use crate::field::{Colour, Field, State};
 use crate::matcher::{Matcher, Pixel};
 use crate::plane::Plane;
 
-/// Where planes come from, for each of four directions; all places are of the other colour.
+/// The neighbours that propagate their planes, by direction. All of them have the other colour of the checkerboard.
 const DIRECTIONS: [[(i32, i32); 4]; 4] = [
     [(1, 0), (2, 1), (2, -1), (5, 0)],
     [(-1, 0), (-2, 1), (-2, -1), (-5, 0)],
@@ -14,34 +14,37 @@ const DIRECTIONS: [[(i32, i32); 4]; 4] = [
     [(0, -1), (1, -2), (-1, -2), (0, -5)],
 ];
 
-/// Planes that differ by less, in pixels of disparity over the window, are the same.
+/// Planes are the same if they differ by less than this over the window, pixels of disparity.
 const SAME: f32 = 0.3;
 
-/// How many planes of neighbours are tried at most.
+/// Most planes of neighbours that a pixel tries.
 const TRIED: usize = 2;
 
 /// The radius of the window, pixels.
 const RADIUS: f32 = 5.0;
 
-/// A step of less, in pixels of disparity over the window, is none.
+/// A Gauss–Newton step is negligible if it is shorter than this over the window, pixels of disparity.
 const NEGLIGIBLE: f32 = 0.03;
 
-/// The longest step: pixels of disparity, and of disparity a pixel.
+/// The longest Gauss–Newton step: of depth, in pixels of disparity, and of the slopes, in pixels of disparity per
+/// pixel.
 const LONGEST: [f32; 2] = [1.0, 0.2];
 
-/// What is known of depth and slopes anyway, as a share of the noise: damps the steps where there is little texture.
+/// Damping of depth and of the slopes, relative to the squared noise: it shortens the steps where there is little
+/// texture.
 const DAMPING: [f32; 2] = [0.1, 4.0];
 
-/// How a sweep goes.
+/// Settings of a sweep.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sweep {
-    /// Gauss–Newton steps at most.
+    /// Most Gauss–Newton steps per pixel.
     pub steps: usize,
-    /// Whether planes that were settled before are left alone unless a neighbour's is better.
+    /// Whether planes that have settled before are left alone unless another plane replaces them.
     pub settled: bool,
 }
 
-/// Improves all planes, first of the one, then of the other colour. `prior` is what was known of a pixel before.
+/// Improves all planes, those of one colour after those of the other. `prior` gives a pixel's prior inverse depth, 0
+/// for none.
 pub(crate) fn sweep(
     field: &mut Field,
     matcher: &Matcher,
@@ -65,8 +68,8 @@ pub(crate) fn sweep(
     }
 }
 
-/// Takes the plane of a neighbour where it is better: in each direction the neighbour with the lowest energy is asked,
-/// and of their planes the first [`TRIED`] that differ.
+/// Takes the plane of a neighbour if its energy is lower. Of each direction, the neighbour with the lowest energy
+/// proposes its plane; the best [`TRIED`] different ones of these planes are tried.
 fn propagate(pixel: &Pixel, other: Colour, place: (usize, usize), state: &mut State) {
     let mut found = [(f32::INFINITY, Plane::default()); DIRECTIONS.len()];
     for (found, direction) in found.iter_mut().zip(&DIRECTIONS) {
@@ -90,7 +93,7 @@ fn propagate(pixel: &Pixel, other: Colour, place: (usize, usize), state: &mut St
     }
 }
 
-/// Takes the depth that the source views' own depth maps have there where it is better.
+/// Takes the depth of a source view's own depth map if its energy is lower.
 fn from_sources(pixel: &Pixel, count: usize, state: &mut State) {
     for source in 0..count {
         let Some(seen) = pixel.seen_by(source, &state.plane) else { continue };
@@ -116,7 +119,7 @@ pub(crate) fn consider(pixel: &Pixel, plane: Plane, state: &mut State) {
     }
 }
 
-/// A Gauss–Newton step, taken if the energy falls in the views that have matched best.
+/// A Gauss–Newton step, taken if it lowers the energy in the views that have matched best.
 fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
     if state.settled {
         return;

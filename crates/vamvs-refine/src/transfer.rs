@@ -1,21 +1,23 @@
-//! Where a source view sees the window of a reference pixel, for any plane.
+//! The projection of a reference pixel's window into a source view, for any plane.
 
 use vamvs_core::homography::PixelTransfer;
 use vamvs_core::{Pinhole, Pose};
 
 use crate::plane::Plane;
 
-/// [`PixelTransfer`] in single precision and for inverse depths: the reference pixel p at inverse depth w is seen at
-/// the homogeneous pixel `linear · p + w · offset`, the third entry of which is the ratio of the depths.
+/// [`PixelTransfer`] in single precision and for inverse depth: the reference pixel p at inverse depth w projects to
+/// the homogeneous source pixel `linear · p + w · offset`, whose third entry is the ratio of source depth to
+/// reference depth.
 ///
-/// It holds no world coordinates, so single precision is enough wherever the scene lies.
+/// It holds no world coordinates, so single precision is sufficient wherever the scene lies.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Transfer {
     linear: [[f32; 3]; 3],
     offset: [f32; 3],
 }
 
-/// A window's way into the source image: `(u, v)` for the centre, and its change for a pixel right and down.
+/// The affine warp of a window into the source image: `(u, v)` is the centre, `(ux, vx)` its change per pixel to the
+/// right and `(uy, vy)` its change per pixel down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Affine {
     pub u: f32,
@@ -43,22 +45,22 @@ impl Transfer {
         [along(first), along(second), along(third)]
     }
 
-    /// The homogeneous source pixel of the reference pixel with this [`Transfer::ray`].
+    /// The homogeneous source pixel of a reference pixel, given its [`Transfer::ray`], at inverse depth `w`.
     #[inline]
     pub fn seen(&self, ray: [f32; 3], w: f32) -> [f32; 3] {
         let o = &self.offset;
         [ray[0] + o[0] * w, ray[1] + o[1] * w, ray[2] + o[2] * w]
     }
 
-    /// Where the source sees the pixel with this [`Transfer::ray`]; `None` behind the source camera.
+    /// The source image coordinates of the pixel with this [`Transfer::ray`]; `None` behind the source camera.
     #[inline]
     pub fn place(&self, ray: [f32; 3], w: f32) -> Option<(f32, f32)> {
         let seen = self.seen(ray, w);
         (seen[2] > 0.0).then(|| (seen[0] / seen[2], seen[1] / seen[2]))
     }
 
-    /// How the source sees the window of the pixel with this [`Transfer::ray`]: the plane's homography, linearised at
-    /// the window's centre. `None` where the plane is not before the source camera.
+    /// The warp of the window of the pixel with this [`Transfer::ray`]: the plane's homography, linearised at the
+    /// window's centre. `None` if the point is not in front of the source camera.
     #[inline]
     pub fn affine(&self, ray: [f32; 3], plane: &Plane) -> Option<Affine> {
         let seen = self.seen(ray, plane.w);
@@ -80,7 +82,8 @@ impl Transfer {
         })
     }
 
-    /// How the source's pixel moves with inverse depth, source pixels a unit; 0 behind the source camera.
+    /// The derivative of the source image coordinates with respect to inverse depth, source pixels per unit; 0 behind
+    /// the source camera.
     #[inline]
     pub fn speed(&self, ray: [f32; 3], w: f32) -> [f32; 2] {
         let seen = self.seen(ray, w);
@@ -92,7 +95,7 @@ impl Transfer {
         [along(0), along(1)]
     }
 
-    /// By how many source pixels the pixel with this [`Transfer::ray`] moves for a unit of inverse depth.
+    /// The length of [`Transfer::speed`]: source pixels per unit of inverse depth.
     #[inline]
     pub fn disparity(&self, ray: [f32; 3], w: f32) -> f32 {
         let [u, v] = self.speed(ray, w);

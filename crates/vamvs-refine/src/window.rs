@@ -1,21 +1,21 @@
-//! The window of a reference pixel: which texels it takes, their weights and statistics.
+//! The window of a reference pixel: the offsets of its texels, their weights and statistics.
 
 use crate::isa::for_each_isa;
 use crate::luminance::{BORDER, Padded};
 
-/// Texels of a window: 11×11 pixels, every other one, without the corners.
+/// Texels of a window: every other pixel of 11×11 in both directions, without the four corners.
 pub(crate) const TEXELS: usize = 32;
 
-/// Sums over the texels are added up in so many lanes, whatever the instruction set, for the same bits.
+/// Number of partial sums over the texels, the same for all instruction sets so that they give the same bits.
 pub(crate) const LANES: usize = TEXELS / 2;
 
 /// Values of the texels of a window.
 pub(crate) type Texels = [f32; TEXELS];
 
-/// Places of the texels from the window's centre, pixels.
+/// Offsets (x, y) of the texels from the window's centre, pixels.
 pub(crate) const OFFSETS: ([f32; TEXELS], [f32; TEXELS]) = offsets();
 
-/// Weights by distance alone, a Gaussian's.
+/// The weights by distance alone, approximately Gaussian.
 const NEARNESS: Texels = nearness();
 
 const fn offsets() -> ([f32; TEXELS], [f32; TEXELS]) {
@@ -38,7 +38,7 @@ const fn nearness() -> Texels {
     let (mut weights, mut texel) = ([0.0; TEXELS], 0);
     while texel < TEXELS {
         let (dx, dy) = (OFFSETS.0[texel], OFFSETS.1[texel]);
-        // 1 / (1 + t + t²/2 + t³/6), near exp(−t), with t = distance² / (2 · 4.5²).
+        // 1 / (1 + t + t²/2 + t³/6) ≈ exp(−t), with t = distance² / (2 · 4.5²).
         let t = (dx * dx + dy * dy) / 40.5;
         weights[texel] = 1.0 / (1.0 + t + t * t / 2.0 + t * t * t / 6.0);
         texel += 1;
@@ -46,13 +46,13 @@ const fn nearness() -> Texels {
     weights
 }
 
-/// What correlation needs to know of a reference window.
+/// The weights and statistics of a reference window.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub(crate) struct Window {
     /// Bilateral weights; they sum to 1.
     pub weights: Texels,
-    /// Weight times grey value less the mean.
+    /// Weight · (grey value − mean).
     pub centred: Texels,
     /// The weighted mean, grey values.
     pub mean: f32,
@@ -61,7 +61,8 @@ pub(crate) struct Window {
 }
 
 for_each_isa! {
-    /// The window of pixel (x, y) with weights that fall with the difference in grey value, over `colour`.
+    /// The window of pixel (x, y). The weights fall with the difference in grey value from the centre; at a
+    /// difference of `colour` they are a quarter.
     pub(crate) fn window(image: &Padded, x: usize, y: usize, colour: f32) -> Window = weighted
 }
 
@@ -108,7 +109,7 @@ fn texels(image: &Padded, x: usize, y: usize) -> Texels {
     texels
 }
 
-/// The sum in a fixed order that suits vectors of any length.
+/// The sum, in a fixed order that suits vector registers of any length.
 #[inline(always)]
 pub(crate) fn sum(values: &Texels) -> f32 {
     let mut halves = [0.0; LANES];
@@ -131,14 +132,15 @@ pub(crate) fn sum_lanes(values: &[f32; LANES]) -> f32 {
     sum_of_four(b)
 }
 
-/// `(b0 + b2) + (b1 + b3)`: by instructions that every x86-64 processor has, since compilers make many of it.
+/// `(b0 + b2) + (b1 + b3)`, in SSE intrinsics, which every x86-64 processor has: compilers generate more
+/// instructions for the plain expression.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 fn sum_of_four(b: [f32; 4]) -> f32 {
     use std::arch::x86_64::{
         _mm_add_ps, _mm_add_ss, _mm_cvtss_f32, _mm_loadu_ps, _mm_movehl_ps, _mm_shuffle_ps,
     };
-    // SAFETY: four values are read of four.
+    // SAFETY: four values are read from an array of four.
     unsafe {
         let all = _mm_loadu_ps(b.as_ptr());
         let pairs = _mm_add_ps(all, _mm_movehl_ps(all, all));

@@ -1,4 +1,4 @@
-//! What the result must not depend on.
+//! Properties of the scene and the machine on which the result must not depend.
 
 mod common;
 

@@ -7,12 +7,12 @@ use vamvs_core::Rgb;
 static LINEAR: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|value| decode(value as f32 / 255.0)));
 
-/// Linear light of an 8-bit sRGB colour, 0 to 1.
+/// Linear light, 0 to 1, of an 8-bit sRGB colour.
 pub(crate) fn linear(rgb: Rgb) -> [f32; 3] {
     rgb.map(|value| LINEAR[usize::from(value)])
 }
 
-/// The 8-bit sRGB value of linear light; what is beyond 0 to 1 is clipped.
+/// The 8-bit sRGB value of linear light, which is clipped to 0 to 1.
 pub(crate) fn srgb(linear: f32) -> u8 {
     let light = linear.clamp(0.0, 1.0);
     let value = if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };

@@ -1,6 +1,6 @@
-//! Smoothing of the noise of light paths: an edge-avoiding à-trous filter (Dammertz et al. 2010) that
-//! knows the noise of each pixel (Schied et al. 2017). Diffuse light is smoothed without the albedo, so
-//! that textures stay as they are; light straight from the sky is left alone.
+//! Denoising: an edge-avoiding à-trous filter (Dammertz et al. 2010), guided by the variance of each pixel
+//! (Schied et al. 2017). Diffuse light is filtered with the albedo divided out, so that textures are not
+//! blurred; light straight from the sky is not filtered.
 
 use nalgebra::Vector3;
 use vamvs_core::Grid;
@@ -8,30 +8,32 @@ use vamvs_core::Grid;
 use crate::colour::luminance;
 use crate::pixel::{Estimate, Pixel, PixelSurface, fill};
 
-/// How one kind of light is smoothed.
+/// How one kind of light (diffuse or specular) is filtered.
 struct Strength {
-    /// Passes of the filter, each twice as wide as the one before.
+    /// Number of passes of the filter, each twice as wide as the one before.
     passes: u32,
-    /// Brightness, in that of neighbours, beyond which a pixel owes it to a rare bright path.
+    /// A pixel more than this many times brighter than its second brightest neighbour is a firefly, from a
+    /// rare bright path, and is darkened.
     spark: f32,
 }
 
 const DIFFUSE: Strength = Strength { passes: 5, spark: 3.0 };
 const SPECULAR: Strength = Strength { passes: 3, spark: 1.0 };
-/// The filter's weights from the middle outwards.
+/// Weights of the 5-tap kernel, from the middle outwards.
 const KERNEL: [f32; 3] = [0.375, 0.25, 0.0625];
-/// Standard deviations of noise by which pixels of one surface's even light may differ.
+/// Part of the luminance tolerance that is due to noise, in standard deviations of the noise.
 const NOISE: f32 = 4.0;
-/// Difference of light, as a share of it, that is smoothed in any case.
+/// Part of the luminance tolerance that does not depend on noise, as a share of the luminance.
 const CONTRAST: f32 = 0.02;
-/// How far pixels of one surface may be off its plane: as a share of their distance, and in pixels.
+/// How far another pixel's point may lie off a pixel's tangent plane: as a share of the distance between both,
+/// plus a number of pixel spacings.
 const OFF_PLANE: (f32, f32) = (0.08, 1.5);
 
-/// The light of `pixels` without most of its noise.
+/// The radiance of `pixels`, denoised.
 pub(crate) fn denoised(pixels: &Grid<Pixel>) -> Grid<[f32; 3]> {
     let guide = pixels.map(|pixel| pixel.surface);
     let diffuse = smoothed(&guide, &pixels.map(|pixel| pixel.diffuse), &DIFFUSE);
-    // Pixels that show a surface's border are like no other, and left as noisy as they were.
+    // On borders of surfaces the filter finds no similar neighbours, and leaves fireflies: remove those.
     let diffuse = without_sparks(&diffuse, 1.0);
     let specular = smoothed(&guide, &pixels.map(|pixel| pixel.specular), &SPECULAR);
     fill(pixels.size(), |x, y| {
@@ -52,7 +54,7 @@ fn smoothed(
     })
 }
 
-/// No pixel brighter than `most` times the second brightest around it.
+/// Removes fireflies: darkens each pixel to at most `most` times its second brightest neighbour.
 fn without_sparks(light: &Grid<Estimate>, most: f32) -> Grid<Estimate> {
     fill(light.size(), |x, y| {
         let mut brightest = [0.0_f32; 2];
@@ -70,7 +72,7 @@ fn without_sparks(light: &Grid<Estimate>, most: f32) -> Grid<Estimate> {
     })
 }
 
-/// The same means, with variances averaged over neighbours: few paths tell little about their noise.
+/// Averages the variances over 3 × 3 pixels: a few paths estimate their variance poorly.
 fn calmed(light: &Grid<Estimate>) -> Grid<Estimate> {
     fill(light.size(), |x, y| {
         let (mut sum, mut count) = (0.0, 0.0);
@@ -82,18 +84,18 @@ fn calmed(light: &Grid<Estimate>) -> Grid<Estimate> {
     })
 }
 
-/// The pixel and its neighbours.
+/// The pixel and its up to eight neighbours, as (x, y).
 fn around<T>(grid: &Grid<T>, x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
     let columns = x.saturating_sub(1)..(x + 2).min(grid.width());
     let rows = y.saturating_sub(1)..(y + 2).min(grid.height());
     rows.flat_map(move |j| columns.clone().map(move |i| (i, j)))
 }
 
-/// A pass of the filter.
+/// One pass of the filter.
 struct Filter<'a> {
     guide: &'a Grid<Option<PixelSurface>>,
     light: &'a Grid<Estimate>,
-    /// Distance of the pixels that are averaged.
+    /// Spacing of the kernel's taps, pixels.
     step: isize,
 }
 
@@ -123,11 +125,11 @@ impl Filter<'_> {
     }
 }
 
-/// Tells how alike other pixels are to one.
+/// Measures how similar other pixels are to one pixel.
 struct Likeness<'a> {
     surface: &'a PixelSurface,
     luminance: f32,
-    /// By difference of luminance.
+    /// 1 / the tolerated difference of luminance.
     scale: f32,
 }
 
@@ -138,7 +140,7 @@ impl<'a> Likeness<'a> {
         Self { surface, luminance, scale: 1.0 / tolerance.max(f32::MIN_POSITIVE) }
     }
 
-    /// From 1, alike, to 0.
+    /// The similarity, from 0 to 1 (the same).
     fn weight(&self, other: &PixelSurface, light: &Estimate) -> f32 {
         let cos = self.surface.normal.dot(&other.normal).max(0.0);
         let offset = other.position - self.surface.position;
@@ -150,7 +152,7 @@ impl<'a> Likeness<'a> {
     }
 }
 
-/// 1 at 0, falling to 0 at 1.
+/// A smooth weight: 1 at 0, 0 from ±1 on.
 fn bump(x: f32) -> f32 {
     let rest = (1.0 - x * x).max(0.0);
     rest * rest

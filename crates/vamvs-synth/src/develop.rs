@@ -1,4 +1,4 @@
-//! From light to photographs: one exposure for a scene, what lenses and sensors add, a tone curve.
+//! Turns rendered radiance into photographs: one exposure for a scene, lens and sensor effects, a tone curve.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -9,55 +9,57 @@ use vamvs_core::{Grid, Rgb, Size};
 use crate::Shot;
 use crate::random::{normal, triangular};
 
-/// What real photographs have and rendered ones lack: the most of each that a photograph may get.
+/// Imperfections of real photographs that rendered ones lack. Each field is an upper limit: what a scene or a
+/// photograph gets is drawn at random up to it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Effects {
-    /// Blur's standard deviation, pixels.
+    /// Standard deviation of the Gaussian blur, pixels.
     pub blur: f32,
-    /// The noise of a mid-grey pixel, as a share of its light.
+    /// Standard deviation of a mid-grey pixel's noise, as a share of its linear value.
     pub noise: f32,
-    /// The share of light that corners lose.
+    /// Share of light that is lost in the corners.
     pub vignetting: f32,
-    /// Difference of a view's exposure from the scene's, stops.
+    /// How far a view's exposure differs from the scene's, up or down, in stops.
     pub exposure: f32,
-    /// Difference of a view's red and blue from the scene's, as a share.
+    /// How far a view's red and blue differ from the scene's, up or down, as a share.
     pub white_balance: f32,
 }
 
 impl Effects {
-    /// Photographs without flaw.
+    /// No imperfections.
     pub const NONE: Self = Self { blur: 0.0, noise: 0.0, vignetting: 0.0, exposure: 0.0, white_balance: 0.0 };
 }
 
 impl Default for Effects {
-    /// A good camera that is left to expose by itself.
+    /// A good camera with automatic exposure and white balance.
     fn default() -> Self {
         Self { blur: 0.6, noise: 0.04, vignetting: 0.25, exposure: 0.3, white_balance: 0.06 }
     }
 }
 
-/// Linear light that becomes mid-grey: what the surfaces of a scene reflect on the average.
+/// Mid-grey as a linear value: exposure brings the geometric mean of a scene's surfaces to it.
 const MID_GREY: f32 = 0.17;
 
-/// The share of the surfaces that may be too bright for a photograph.
+/// Share of the surface pixels that may be overexposed.
 const BURNT: f64 = 0.04;
 
-/// Linear light from which on the tone curve bends, so that highlights fade instead of clipping.
+/// Linear value above which the tone curve flattens, so that highlights fade instead of clipping.
 const SHOULDER: f32 = 0.7;
 
-/// The lens and the sensor of all photographs of a scene, and the setting of one of them.
+/// Effects as drawn for one photograph: blur (pixels), noise and vignetting are the same for the whole scene,
+/// the gain differs between photographs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Look {
     blur: f32,
     noise: f32,
     vignetting: f32,
-    /// Factor on red, green and blue.
+    /// Factors on red, green and blue: the view's exposure and white balance.
     gain: [f32; 3],
 }
 
-/// Develops the photographs of a scene. Its exposure is one, measured on the surfaces that all shots show;
-/// effects are drawn from `random`.
+/// Develops the photographs of a scene, sRGB-encoded. They share one exposure, measured over the surface
+/// pixels of all `shots` together. The effects are drawn from `random`.
 #[must_use]
 pub fn develop(shots: &[Shot], effects: &Effects, random: &mut Pcg64) -> Vec<Grid<Rgb>> {
     let exposure = exposure(shots);
@@ -70,8 +72,8 @@ pub fn develop(shots: &[Shot], effects: &Effects, random: &mut Pcg64) -> Vec<Gri
         .collect()
 }
 
-/// The factor that makes the geometric mean of the surfaces' luminance mid-grey, less where that would
-/// burn out more than [`BURNT`] of them.
+/// The factor that brings the geometric mean of the surfaces' luminance to mid-grey. It is smaller where that
+/// would overexpose more than the share [`BURNT`] of their pixels.
 fn exposure(shots: &[Shot]) -> f32 {
     let pixels = shots.iter().flat_map(|shot| shot.radiance.data().iter().zip(shot.ground_truth.id.data()));
     let surfaces = pixels.filter(|&(_, &id)| id > 0).map(|(light, _)| luminance(light));
@@ -85,12 +87,12 @@ fn exposure(shots: &[Shot]) -> f32 {
     (MID_GREY / mean.exp() as f32).min(1.0 / bright)
 }
 
-/// By the weights of sRGB's primaries.
+/// Luminance of linear light, by the weights of sRGB's primaries.
 fn luminance([red, green, blue]: &[f32; 3]) -> f32 {
     0.2126 * red + 0.7152 * green + 0.0722 * blue
 }
 
-/// What all photographs of a scene have in common.
+/// Draws the effects that all photographs of a scene share.
 fn lens(effects: &Effects, random: &mut Pcg64) -> Look {
     let mut up_to = |most: f32| most * random.random::<f32>();
     Look {
@@ -101,7 +103,7 @@ fn lens(effects: &Effects, random: &mut Pcg64) -> Look {
     }
 }
 
-/// The setting of one photograph.
+/// Adds one photograph's exposure and white balance to the `lens`.
 fn look(lens: &Look, effects: &Effects, random: &mut Pcg64) -> Look {
     let mut about = |most: f32| most * triangular(random) as f32;
     let exposure = about(effects.exposure).exp2();
@@ -119,7 +121,7 @@ fn photograph(shot: &Shot, exposure: f32, look: &Look, random: &mut Pcg64) -> Gr
     light.map(|light| light.map(encode))
 }
 
-/// Applies the gain, and darkens towards the corners with the square of the distance from the centre.
+/// Applies the gain, and darkens in proportion to the squared distance from the centre.
 fn vignette(light: &mut Grid<[f32; 3]>, look: &Look) {
     let Size { width, height } = light.size();
     let (half_width, half_height) = (0.5 * width as f32, 0.5 * height as f32);
@@ -133,13 +135,13 @@ fn vignette(light: &mut Grid<[f32; 3]>, look: &Look) {
     }
 }
 
-/// Noise of photons: its variance is proportional to the light, `noise` at mid-grey.
+/// Adds photon noise: its variance is proportional to `value`, its relative deviation `noise` at mid-grey.
 fn add_grain(value: &mut f32, noise: f32, random: &mut Pcg64) {
     let deviation = noise * (MID_GREY * (*value).max(0.0)).sqrt();
     *value += deviation * normal(random) as f32;
 }
 
-/// Convolution with a Gaussian of standard deviation `sigma`; borders repeat.
+/// The image convolved with a Gaussian of standard deviation `sigma` pixels; border pixels are repeated.
 fn blurred(image: Grid<[f32; 3]>, sigma: f32) -> Grid<[f32; 3]> {
     let kernel = gaussian(sigma);
     if kernel.len() == 1 {
@@ -162,7 +164,7 @@ fn weighted(kernel: &[f32], value: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
     sum
 }
 
-/// Weights of sum 1 out to three deviations; one weight alone where the blur is less than anyone sees.
+/// Gaussian weights out to three deviations, with sum 1; a single weight if `sigma` is too small to be seen.
 fn gaussian(sigma: f32) -> Vec<f32> {
     if sigma < 0.1 {
         return vec![1.0];
@@ -173,7 +175,7 @@ fn gaussian(sigma: f32) -> Vec<f32> {
     weights.iter().map(|weight| weight / sum).collect()
 }
 
-/// Linear light as an sRGB value; from [`SHOULDER`] on, light approaches white without reaching it.
+/// The 8-bit sRGB value of linear light. Above [`SHOULDER`] the tone curve approaches white asymptotically.
 fn encode(light: f32) -> u8 {
     let over = (light - SHOULDER).max(0.0);
     let room = 1.0 - SHOULDER;
@@ -207,7 +209,7 @@ mod tests {
     fn the_average_surface_is_mid_grey_whatever_the_light() {
         for light in [1e-3, 1.0, 500.0] {
             let photos = developed(&[shot(|_, _| [light; 3]), shot(|_, _| [light; 3])], Effects::NONE);
-            // sRGB's value of 0.17.
+            // 0.17 encoded as sRGB.
             assert!(photos.iter().all(|photo| photo.data().iter().all(|&rgb| rgb == [115; 3])), "{light}");
         }
     }
@@ -215,14 +217,14 @@ mod tests {
     #[test]
     fn views_keep_their_brightness_relative_to_each_other() {
         let photos = developed(&[shot(|_, _| [1.0; 3]), shot(|_, _| [4.0; 3])], Effects::NONE);
-        // 0.085 and 0.34 around the geometric mean 0.17.
+        // 0.085 and 0.34, whose geometric mean is 0.17.
         assert_eq!([photos[0][(0, 0)], photos[1][(0, 0)]], [[82; 3], [158; 3]]);
     }
 
     #[test]
     fn few_bright_things_on_a_dark_ground_do_not_burn_out() {
         let bright = |share: usize| move |x: usize, _| if x < share { [1.0; 3] } else { [0.01; 3] };
-        // 6 of 64 columns are more than may burn out, 2 of 64 less.
+        // 6 of 64 columns are more than the share BURNT, 2 of 64 are less.
         assert_eq!(developed(&[shot(bright(6))], Effects::NONE)[0][(0, 0)][1], encode(1.0));
         assert_eq!(developed(&[shot(bright(2))], Effects::NONE)[0][(0, 0)][1], 255);
     }

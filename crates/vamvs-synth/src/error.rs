@@ -1,4 +1,4 @@
-//! Why scenes could not be made.
+//! The error type of this crate.
 
 use std::path::PathBuf;
 
@@ -15,17 +15,17 @@ pub enum SynthError {
     /// A file could not be read or written.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// Options that make no scene.
+    /// An option is out of its range.
     #[error("{name} must be {expected}, got {got}")]
     Option {
         /// The option.
         name: &'static str,
         /// What is allowed.
         expected: &'static str,
-        /// As given.
+        /// The value that was given.
         got: String,
     },
-    /// A complete scene is there already, and another one is wanted.
+    /// The folder holds a complete scene that was made with other options.
     #[error(
         "{} is complete but was made with {differences}; choose another folder, the same options, or overwrite it with --force",
         folder.display()
@@ -33,10 +33,10 @@ pub enum SynthError {
     OtherScene {
         /// The scene's folder.
         folder: PathBuf,
-        /// What differs: `option old instead of new`.
+        /// What differs, each as `option old instead of new`.
         differences: String,
     },
-    /// The record of a scene is not one.
+    /// The record of a scene is not valid JSON.
     #[error("{} is not the record of a scene; overwrite the scene with --force", path.display())]
     Record {
         /// The file.
@@ -44,18 +44,18 @@ pub enum SynthError {
         /// What is wrong with it.
         source: serde_json::Error,
     },
-    /// On none of several stages there was room for the cameras.
+    /// No room was found for the cameras on any of the stages that were tried.
     #[error(
         "scene {scene} ({style}): no place found for {views} cameras ({rig}); use fewer views or another rig"
     )]
     NoPlace {
-        /// The scene.
+        /// The scene's number.
         scene: u64,
         /// Its style.
         style: &'static str,
         /// How many cameras.
         views: usize,
-        /// How they should have stood.
+        /// The rig they should have formed.
         rig: &'static str,
     },
 }

@@ -1,4 +1,4 @@
-//! What a view truly sees: depth, objects and normals at the pixels' centres.
+//! Ground truth of a view: depth, object and normal at the pixels' centres, by ray casting.
 
 use nalgebra::{Vector2, Vector3};
 use vamvs_core::{Pinhole, Pose};
@@ -7,7 +7,7 @@ use crate::geometry::Ray;
 use crate::pixel::fill;
 use crate::tracer::{GroundTruth, Tracer};
 
-/// A camera in the world.
+/// A camera with its pose in the world.
 pub(crate) struct Eye<'a> {
     pub camera: &'a Pinhole,
     pub world_from_cam: Pose,
@@ -18,17 +18,17 @@ impl<'a> Eye<'a> {
         Self { camera, world_from_cam: cam_from_world.inverse() }
     }
 
-    /// Where the eye is in the world.
+    /// The camera centre in the world.
     pub fn centre(&self) -> &Vector3<f64> {
         &self.world_from_cam.translation
     }
 
-    /// The direction in the world that image coordinates `(x, y)` look in; its length is that of depth 1.
+    /// The viewing direction of image coordinates `(x, y)`, in the world. Its length is that of a step to depth 1.
     pub fn direction(&self, x: f64, y: f64) -> Vector3<f64> {
         self.world_from_cam.rotation * self.camera.intrinsics.ray(&Vector2::new(x, y))
     }
 
-    /// The ray through image coordinates `(x, y)`, and the depth of one unit of its length.
+    /// The ray through image coordinates `(x, y)`, and the depth per unit of distance along it.
     pub fn ray(&self, x: f64, y: f64) -> (Ray, f64) {
         let direction = self.direction(x, y);
         let scale = 1.0 / direction.norm();
@@ -37,8 +37,8 @@ impl<'a> Eye<'a> {
 }
 
 impl Tracer {
-    /// What `camera` at `cam_from_world` sees at its pixels' centres. The depth is that of the
-    /// triangle's plane in double precision, rounded once.
+    /// What `camera` at `cam_from_world` sees at its pixels' centres. Depth is where the ray crosses the
+    /// triangle's plane, computed in double precision and rounded once to f32.
     #[must_use]
     pub fn ground_truth(&self, camera: &Pinhole, cam_from_world: &Pose) -> GroundTruth {
         let eye = Eye::new(camera, cam_from_world);

@@ -1,4 +1,5 @@
-//! A set of scenes: each from its number and the seed alone, kept if it is there already.
+//! Makes a set of scenes. Each depends only on its number, the seed, the options and the assets; a complete
+//! one is kept.
 
 use std::ops::Range;
 use std::path::Path;
@@ -16,27 +17,27 @@ use crate::{
     Tracer, develop, layout, overlap, rig,
 };
 
-/// What scenes are wanted.
+/// Options of a set of scenes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SynthOptions {
-    /// The styles, which scenes have in turn.
+    /// The styles; scenes take them in turn.
     pub styles: Vec<Style>,
-    /// The rigs, of which each scene has one at random.
+    /// The rigs; each scene takes one at random.
     pub rigs: Vec<Rig>,
-    /// Cameras of a scene, at least 2.
+    /// Number of cameras in a scene, 2 to 999.
     pub views: usize,
-    /// Size of the photographs, at least 16×16 pixels.
+    /// Size of the photographs, 16 to 8192 pixels per side.
     pub size: Size,
-    /// How they are rendered.
+    /// How the photographs are rendered.
     pub render: RenderOptions,
-    /// What makes them look real.
+    /// Limits of the lens and sensor effects added to the photographs.
     pub effects: Effects,
-    /// Whether normals are kept.
+    /// Whether normals are written.
     pub normals: bool,
 }
 
 impl Default for SynthOptions {
-    /// The paper's: nine cameras of 512×512 pixels on a dome; all styles.
+    /// The paper's (section 4.1): nine cameras of 512×512 pixels on a dome; but scenes of all styles.
     fn default() -> Self {
         Self {
             styles: Style::ALL.to_vec(),
@@ -53,28 +54,28 @@ impl Default for SynthOptions {
 /// A set of scenes to be made.
 #[derive(Clone, Copy, Debug)]
 pub struct SynthJob<'a> {
-    /// What they are made of.
+    /// What the scenes are made of.
     pub assets: &'a Assets,
-    /// What is wanted.
+    /// The options of all scenes.
     pub options: &'a SynthOptions,
     /// The seed of the set.
     pub seed: u64,
-    /// The set's folder.
+    /// The set's folder; each scene gets a folder in it.
     pub out: &'a Path,
-    /// Whether complete scenes of other options are made anew.
+    /// Whether complete scenes that were made with other options are overwritten; else they are an error.
     pub force: bool,
 }
 
-/// What happens while scenes are made.
+/// Progress of the making of scenes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SynthEvent {
     /// A view was rendered.
     View {
         /// The scene's number.
         scene: u64,
-        /// Views done of this scene.
+        /// Number of its views that are rendered.
         done: usize,
-        /// Its views.
+        /// Number of its views.
         total: usize,
     },
     /// A scene is complete.
@@ -83,32 +84,33 @@ pub enum SynthEvent {
         scene: u64,
         /// Its style.
         style: Style,
-        /// Whether it was there already.
+        /// Whether it was complete before, and kept.
         kept: bool,
         /// How long it took.
         time: Duration,
     },
 }
 
-/// What was done.
+/// Numbers of scenes made and kept.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SynthSummary {
     /// Scenes made.
     pub made: usize,
-    /// Scenes that were there already.
+    /// Scenes that were complete before.
     pub kept: usize,
 }
 
-/// Stages that are tried for a scene until there is room for the cameras.
+/// Number of stages that are tried for a scene before it fails for lack of room for the cameras.
 const STAGES: u32 = 12;
 
 impl SynthJob<'_> {
-    /// Makes the scenes of these numbers. What a scene is depends on its number, the seed, the options
-    /// and the assets; so a set can be continued, and made by several machines.
+    /// Makes the scenes with these numbers. A scene depends only on its number, the seed, the options and the
+    /// assets; so a set can be continued, or shared between machines.
     ///
     /// # Errors
-    /// If options make no scene, an asset cannot be used, a file cannot be written, or a complete scene
-    /// of other options is in the way. Scenes made so far stay.
+    /// If an option is out of its range, an asset cannot be used, there is no room for the cameras on any stage, a
+    /// file cannot be read or written, or a scene that was made with other options is there and `force` is not
+    /// set. Scenes that are complete by then are kept.
     pub fn run(
         &self,
         scenes: Range<u64>,
@@ -149,7 +151,7 @@ impl SynthJob<'_> {
         recipe.save(&folder.record())
     }
 
-    /// A stage and cameras that see it.
+    /// The first stage that has room for the cameras, and the cameras.
     fn stage(&self, recipe: &Recipe) -> Result<(Tracer, Vec<Station>), SynthError> {
         let Recipe { scene, style, rig, views, size, .. } = *recipe;
         let cameras = RigOptions { rig, views, size };
@@ -223,7 +225,7 @@ fn shoot(
     stations.iter().enumerate().map(shoot).collect()
 }
 
-/// All views of a scene.
+/// All views of a scene, ready to be written.
 struct Views<'a> {
     tracer: &'a Tracer,
     stations: &'a [Station],
@@ -232,7 +234,7 @@ struct Views<'a> {
 }
 
 impl Views<'_> {
-    /// Writes everything but the record.
+    /// Writes all files of the scene except the record.
     fn write(&self, folder: &SceneFolder, normals: bool) -> Result<(), SynthError> {
         let mut sheet = Sheet::default();
         let mut pairs = Vec::with_capacity(self.stations.len());
@@ -250,7 +252,7 @@ impl Views<'_> {
         Ok(image::save_png_rgb(&folder.sheet(), &sheet.paint())?)
     }
 
-    /// What becomes of a view's pixels in every view; of its own sees it all.
+    /// The visibility of a view's pixels in every view; in the view itself every surface is visible.
     fn visibility(&self, view: usize) -> Vec<Grid<Visibility>> {
         let Station { camera, cam_from_world } = &self.stations[view];
         let depth = &self.shots[view].ground_truth.depth;

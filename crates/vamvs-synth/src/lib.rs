@@ -1,4 +1,4 @@
-//! Path-traced scenes with exact depth and visibility, to train and test multi-view stereo with
+//! Path-traced synthetic scenes with exact depth and visibility, to train and test multi-view stereo with
 //! (section 4.1 of the paper).
 
 pub mod assets;

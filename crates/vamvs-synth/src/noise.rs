@@ -1,6 +1,6 @@
-//! Smooth random functions: value noise of the plane and of space.
+//! Smooth random functions: value noise in 2D and in 3D.
 
-/// A random number in [0, 1) that belongs to the grid point `cell`.
+/// The random number in [0, 1) of the grid point `(x, y, z)`.
 #[must_use]
 pub fn grid_value([x, y, z]: [i32; 3], seed: u32) -> f32 {
     let mixed = (x as u32).wrapping_mul(0x9E37_79B1)
@@ -9,14 +9,14 @@ pub fn grid_value([x, y, z]: [i32; 3], seed: u32) -> f32 {
     (scramble(mixed ^ scramble(seed)) >> 8) as f32 / (1 << 24) as f32
 }
 
-/// The finaliser of MurmurHash3: every input bit changes every output bit with even odds.
+/// The finaliser of MurmurHash3: each input bit flips each output bit with a probability of about one half.
 const fn scramble(mut hash: u32) -> u32 {
     hash = (hash ^ (hash >> 16)).wrapping_mul(0x85EB_CA6B);
     hash = (hash ^ (hash >> 13)).wrapping_mul(0xC2B2_AE35);
     hash ^ (hash >> 16)
 }
 
-/// Value noise of the plane, in [−1, 1], of wavelength 1. It repeats after `periods` in x and y.
+/// 2D value noise in [−1, 1] with wavelength 1. It repeats after `periods` in x and y.
 #[must_use]
 pub fn plane(x: [f32; 2], periods: [i32; 2], seed: u32) -> f32 {
     let base = x.map(|c| c.floor() as i32);
@@ -27,7 +27,7 @@ pub fn plane(x: [f32; 2], periods: [i32; 2], seed: u32) -> f32 {
     2.0 * lerp(row(ys[0]), row(ys[1]), weight[1]) - 1.0
 }
 
-/// Value noise of space, in [−1, 1], of wavelength 1.
+/// 3D value noise in [−1, 1] with wavelength 1.
 #[must_use]
 pub fn space(x: [f32; 3], seed: u32) -> f32 {
     let base = x.map(|c| c.floor() as i32);
@@ -38,18 +38,18 @@ pub fn space(x: [f32; 3], seed: u32) -> f32 {
     2.0 * lerp(slice(0), slice(1), weight[2]) - 1.0
 }
 
-/// Octaves of a sum of noises: each has half the wavelength of the one before and `gain` times its
+/// Fractal noise, a sum of octaves: each has half the wavelength of the one before and `gain` times its
 /// amplitude. The sum is normalised to stay in [−1, 1].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Octaves {
-    /// How many there are.
+    /// Number of octaves.
     pub count: u32,
-    /// The factor from one amplitude to the next.
+    /// Factor from one octave's amplitude to the next.
     pub gain: f32,
 }
 
 impl Octaves {
-    /// The sum of [`plane`]; the coarsest repeats after `periods`.
+    /// Fractal noise of [`plane`]; it repeats after `periods`.
     #[must_use]
     pub fn plane(self, x: [f32; 2], periods: [i32; 2], seed: u32) -> f32 {
         self.sum(|octave, scale| {
@@ -57,7 +57,7 @@ impl Octaves {
         })
     }
 
-    /// The sum of [`space`].
+    /// Fractal noise of [`space`].
     #[must_use]
     pub fn space(self, x: [f32; 3], seed: u32) -> f32 {
         self.sum(|octave, scale| space(x.map(|c| c * scale as f32), seed.wrapping_add(octave)))
@@ -74,13 +74,13 @@ impl Octaves {
     }
 }
 
-/// The way from `a` to `b`, `t` of it.
+/// Linear interpolation from `a` (at `t` = 0) to `b` (at `t` = 1).
 #[must_use]
 pub fn lerp(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
 }
 
-/// A step from 0 to 1 as `t` goes from 0 to 1, with level ends.
+/// Smoothstep: rises from 0 to 1 as `t` goes from 0 to 1, with slope 0 at both ends; constant outside.
 #[must_use]
 pub fn smooth(t: f32) -> f32 {
     let t = t.clamp(0.0, 1.0);

@@ -1,4 +1,4 @@
-//! Which views help a view's depth, from the surface that both see.
+//! Chooses source views for each view by the surfaces that both see.
 
 use nalgebra::{Vector2, Vector3};
 use vamvs_core::lift::lift;
@@ -7,12 +7,12 @@ use vamvs_core::{Grid, Source, Visibility};
 
 use crate::Station;
 
-/// Every so many-th pixel of a row and of a column is asked.
+/// Every `STEP`-th pixel of every `STEP`-th row is used.
 const STEP: usize = 4;
 
-/// The source views of a view, best first, with scores from 0 to 1: over the surfaces that the view
-/// shows, the mean of MVSNet's score of the angle between the two views' rays where the other view sees
-/// the surface, and of 0 where it does not. Views that see nothing of it are left out.
+/// The source views of a view, best first, with scores from 0 to 1. The score is a mean over the view's surface
+/// points: MVSNet's score of the triangulation angle where the other view sees the point, 0 where it does not.
+/// Views that see none of the points are left out.
 pub(crate) fn sources(
     view: usize,
     stations: &[Station],
@@ -33,7 +33,7 @@ pub(crate) fn sources(
     sources
 }
 
-/// Pixels of a grid and the surface points in the world that they show.
+/// The sampled pixels (x, y) that show a surface, each with its surface point in the world.
 fn surfaces(station: &Station, depth: &Grid<f32>) -> Vec<((usize, usize), Vector3<f64>)> {
     let world_from_cam = station.cam_from_world.inverse();
     let pixels = (0..depth.height()).step_by(STEP);
@@ -54,7 +54,7 @@ mod tests {
 
     const SIZE: Size = Size::new(16, 16);
 
-    /// A camera `x` beside the origin that looks along z.
+    /// A camera at `(x, 0, 0)` that looks along z.
     fn station(x: f64) -> Station {
         let intrinsics = Intrinsics { fx: 160.0, fy: 160.0, cx: 8.0, cy: 8.0 };
         let cam_from_world = Pose { translation: Vector3::new(-x, 0.0, 0.0), ..Pose::identity() };
@@ -66,7 +66,7 @@ mod tests {
         let all = Grid::filled(SIZE, Visibility::Visible);
         let half = Grid::from_fn(SIZE, |x, _| if x < 8 { Visibility::Visible } else { Visibility::Occluded });
         let none = Grid::filled(SIZE, Visibility::OutOfView);
-        // 5° is the best angle; at depth 100 that is 8.7 aside.
+        // The best triangulation angle is 5°, which at depth 100 is a baseline of 8.7.
         let stations = [0.0, 60.0, 8.7, -8.7, 8.7].map(station);
         let depth = Grid::filled(SIZE, 100.0);
         let sources = sources(0, &stations, &depth, &[all.clone(), all.clone(), half, all, none]);

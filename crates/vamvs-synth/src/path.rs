@@ -1,4 +1,4 @@
-//! Paths of light, followed backwards from the camera.
+//! Path tracing: light paths, followed backwards from the camera.
 
 use nalgebra::Vector3;
 
@@ -7,29 +7,29 @@ use crate::light::{LightSample, Lights};
 use crate::sampler::Sampler;
 use crate::surface::{Skin, Split, Surface};
 
-/// How much of its length a ray widens after it was reflected: textures seen by the way may be blurred.
+/// Width of a reflected ray per unit of its length: textures that are seen only indirectly may be blurred.
 const REFLECTED_SPREAD: f32 = 0.2;
-/// Least and greatest probability that a path is followed on.
+/// Least and greatest survival probability of a path in Russian roulette.
 const SURVIVAL: (f32, f32) = (0.05, 0.95);
 
-/// What paths need to know.
+/// The scene and the settings that paths are traced with.
 #[derive(Clone, Copy)]
 pub(crate) struct Paths<'a> {
     pub geometry: &'a Geometry,
     pub skins: &'a [Skin],
     pub lights: &'a Lights,
-    /// Surfaces that a path may touch.
+    /// Number of surfaces that a path may touch.
     pub max_bounces: usize,
-    /// Whether lights are aimed at, and not only met by chance.
+    /// Whether paths also sample the lights directly, besides meeting them by chance.
     pub aim_at_lights: bool,
 }
 
-/// What a path brings to the camera.
+/// What the camera sees along a path.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Seen {
     /// Light straight from the sky.
     pub background: Vector3<f32>,
-    /// Light from the first surface, by how that reflected it.
+    /// Light from the first surface, split into what it reflects diffusely and specularly.
     pub reflected: Split,
     /// The first surface.
     pub first: Option<FirstSurface>,
@@ -43,25 +43,26 @@ pub(crate) struct FirstSurface {
     pub distance: f32,
 }
 
-/// A ray as wide as what it samples.
+/// A ray with the width of its footprint, which textures are averaged over.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cone {
     pub ray: Ray,
-    /// Growth of the width by length.
+    /// Width per unit of distance along the ray.
     pub spread: f32,
 }
 
-/// A ray on its way from a surface, with all that happened to it since the camera.
+/// A ray that leaves a surface, with the throughput of the path from there to the camera.
 struct Bounce {
     ray: Ray,
-    /// What comes of light along it at the camera, by solid angle and density.
+    /// The path's throughput: the share of the radiance along the ray that reaches the camera, divided by
+    /// the density of the sampled directions.
     share: Split,
-    /// The density of its direction.
+    /// Probability density of the ray's direction, by solid angle.
     density: f32,
 }
 
 impl Paths<'_> {
-    /// The light that comes back along `cone`.
+    /// Traces a path that starts with `cone`, and returns the light that comes back along it.
     pub fn follow(&self, cone: &Cone, sampler: &mut Sampler<'_>) -> Seen {
         let Some((mut surface, distance)) = self.meet(cone) else {
             return Seen { background: self.lights.sky.background(&cone.ray.direction), ..Seen::default() };
@@ -93,7 +94,7 @@ impl Paths<'_> {
         Some((skin.surface(&cone.ray, &meeting, width), meeting.distance))
     }
 
-    /// Light straight from a light that is aimed at.
+    /// Direct light on `surface` from one sampled light, weighted against [`Self::met`].
     fn aimed(&self, surface: &Surface, share: Option<&Split>, numbers: &Numbers) -> Split {
         if !self.aim_at_lights {
             return Split::default();
@@ -114,7 +115,7 @@ impl Paths<'_> {
         self.geometry.is_blocked(&surface.leaving(light.direction), light.distance)
     }
 
-    /// Light that a bounce meets by chance.
+    /// Light that a bounce meets by chance within `distance`, weighted against [`Self::aimed`].
     fn met(&self, bounce: &Bounce, distance: f32) -> Split {
         let mut sum = Split::default();
         for emitted in self.lights.emitted(&bounce.ray, distance) {
@@ -125,7 +126,7 @@ impl Paths<'_> {
     }
 }
 
-/// The random numbers of a surface on a path.
+/// The random numbers that a path uses at one surface.
 struct Numbers {
     light: [f32; 2],
     direction: [f32; 2],
@@ -141,7 +142,7 @@ impl Numbers {
     }
 }
 
-/// A ray that continues the path, if light may come along it.
+/// The sampled ray that continues the path; `None` if no light can come along it.
 fn scattered(surface: &Surface, share: Option<&Split>, numbers: &Numbers) -> Option<Bounce> {
     let direction = surface.sample(numbers.lobe_choice, numbers.direction);
     let (reflected, density) = (surface.reflected(&direction), surface.density(&direction));
@@ -152,22 +153,22 @@ fn scattered(surface: &Surface, share: Option<&Split>, numbers: &Numbers) -> Opt
     Some(Bounce { ray: surface.leaving(direction), share, density })
 }
 
-/// What comes of light at the camera that is `reflected` here: the first surface of a path tells it
-/// apart, later ones keep what the first did.
+/// The share of light at the camera, given the share `reflected` here and the `share` of the path so far. The
+/// first surface alone splits light into diffuse and specular; later ones keep its split.
 fn after(reflected: &Split, share: Option<&Split>) -> Split {
     share.map_or(*reflected, |share| share.filtered(&reflected.sum()))
 }
 
-/// Whether a path is followed on, at random by how much it still brings; if so, it counts for those
-/// that are not.
+/// Russian roulette: whether a path is followed further, with a probability equal to its share of light, which is
+/// scaled up to make up for the paths that end.
 fn survives(share: &mut Split, sampler: &mut Sampler<'_>) -> bool {
     let probability = share.sum().max().clamp(SURVIVAL.0, SURVIVAL.1);
     *share = share.filtered(&Vector3::repeat(1.0 / probability));
     sampler.single() < probability
 }
 
-/// The weight of a sample of density `own` that another way would have found with density `other`
-/// (Veach's power heuristic).
+/// Veach's power heuristic: the weight of a sample drawn with density `own` that the other technique would draw
+/// with density `other`.
 fn heuristic(own: f32, other: f32) -> f32 {
     let ratio = other / own;
     1.0 / (1.0 + ratio * ratio)

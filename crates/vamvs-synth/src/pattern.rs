@@ -1,4 +1,4 @@
-//! Procedural pictures for surfaces. All repeat without a seam.
+//! Procedural textures. All of them tile without a seam.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -7,18 +7,18 @@ use vamvs_core::{Grid, Rgb, Size};
 use crate::noise::{Octaves, grid_value, lerp, plane, smooth};
 use crate::pixel::fill;
 
-/// The grain on everything.
+/// The fine grain over every motif.
 const GRAIN: Octaves = Octaves { count: 2, gain: 1.0 };
 
 /// The figure of wood.
 const FIGURE: Octaves = Octaves { count: 3, gain: 0.4 };
 
-/// What is drawn.
+/// What a pattern shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motif {
-    /// Next to nothing: one colour, faintly uneven.
+    /// Almost textureless: one colour, faintly uneven.
     Plain,
-    /// Clouds over many scales.
+    /// Clouds of many scales.
     Clouds,
     /// Grains of several sizes, as in stone.
     Speckles,
@@ -26,15 +26,15 @@ pub enum Motif {
     Marble,
     /// Boards with grain.
     Wood,
-    /// Bricks in mortar, half a brick shifted in each row.
+    /// Bricks in mortar, every second row shifted by half a brick.
     Bricks,
-    /// Square tiles of differing shades.
+    /// Square tiles of different shades.
     Tiles,
     /// Stripes of random widths.
     Stripes,
-    /// Threads over and under each other.
+    /// Woven threads.
     Weave,
-    /// Lines of text-like signs.
+    /// Lines of signs that resemble text.
     Glyphs,
     /// Discs of random size.
     Discs,
@@ -60,15 +60,16 @@ impl Motif {
 /// A motif with its colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pattern {
-    /// What is drawn.
+    /// What the pattern shows.
     pub motif: Motif,
-    /// How many of its units (bricks, boards, lines) fit across the picture.
+    /// Scale: bricks, tiles, pairs of stripes or discs across the picture. Other motifs use a multiple of it;
+    /// plain ones, clouds and marble ignore it.
     pub count: u16,
-    /// From the motif's low to its high values, sRGB 0 to 255.
+    /// Colours of the motif's low, middle and high values, sRGB, 0 to 255.
     pub colours: [[f32; 3]; 3],
-    /// Strength of the fine grain on everything, 0 to 1.
+    /// Strength of the fine grain over the motif, 0 to 1.
     pub grain: f32,
-    /// Makes equal patterns differ.
+    /// Seed of all random numbers in the picture.
     pub seed: u32,
 }
 
@@ -122,7 +123,8 @@ impl Pattern {
         Octaves { count, gain }.plane([u, v].map(|c| c * period as f32), [period; 2], self.seed)
     }
 
-    /// A random number in [0, 1) of a cell of a grid that repeats after `columns` and `rows`.
+    /// The random number in [0, 1) of the grid cell that contains the point `cell`; the grid repeats after
+    /// `columns` and `rows`. Each `purpose` has its own numbers.
     fn shade(&self, cell: [f32; 2], [columns, rows]: [i32; 2], purpose: i32) -> f32 {
         let [x, y] = [cell[0].floor() as i32, cell[1].floor() as i32];
         grid_value([x.rem_euclid(columns), y.rem_euclid(rows), purpose], self.seed)
@@ -169,7 +171,7 @@ impl Pattern {
         if joint { 0.0 } else { 0.35 + 0.65 * self.shade([u, v], [self.count(); 2], 0) }
     }
 
-    /// A unit holds a wide and a narrow stripe.
+    /// Two stripes per unit, their border at a random place.
     fn stripes(&self, u: f32) -> f32 {
         let unit = [self.count(), 1];
         let width = 0.2 + 0.6 * self.shade([u, 0.0], unit, 0);
@@ -184,7 +186,7 @@ impl Pattern {
         (1.0 - 3.0 * across * across) * (0.3 + 0.3 * f32::from(u8::from(over)) + 0.4 * thread)
     }
 
-    /// Words of signs, each of strokes between the points of a 3 × 3 grid.
+    /// Words of signs, each made of four strokes between the points of a 3 × 3 grid.
     fn glyphs(&self, u: f32, v: f32) -> f32 {
         let grid = [3 * self.count(), 2 * self.count()];
         let [x, y] = [u.rem_euclid(1.0), v.rem_euclid(1.0)];
@@ -202,7 +204,7 @@ impl Pattern {
         if strokes.fold(1.0, f32::min) < 0.07 { 0.0 } else { paper }
     }
 
-    /// In each cell of the grid one disc; the neighbours' may reach over.
+    /// One disc per grid cell; it may reach into the neighbouring cells.
     fn discs(&self, u: f32, v: f32) -> f32 {
         let n = self.count();
         let [x, y] = [u * n as f32, v * n as f32];
@@ -219,7 +221,7 @@ impl Pattern {
     }
 }
 
-/// A dark, a middle and a light colour, or the other way round: most of one hue, seldom strongly
+/// A dark, a middle and a light colour, or the reverse. They mostly share a hue and are seldom strongly
 /// saturated.
 fn random_colours(rng: &mut Pcg64) -> [[f32; 3]; 3] {
     let (dark, light) = (rng.random_range(30.0..110.0_f32), rng.random_range(130.0..235.0_f32));
@@ -234,13 +236,13 @@ fn random_colours(rng: &mut Pcg64) -> [[f32; 3]; 3] {
     if rng.random_bool(0.3) { [c, b, a] } else { colours }
 }
 
-/// Most things are red to yellow, 0 to 1.
+/// A hue from 0 to 6; most are between red (0) and yellow (1), as most real things are.
 fn random_hue(rng: &mut Pcg64) -> f32 {
     let widest = if rng.random_bool(0.6) { 1.0 } else { 6.0 };
     rng.random_range(0.0..widest)
 }
 
-/// A colour by hue (0 to 6), saturation (0 to 1) and brightness (0 to 255).
+/// The sRGB colour of a hue (0 to 6), saturation (0 to 1) and brightness (0 to 255).
 fn hsv(hue: f32, saturation: f32, brightness: f32) -> [f32; 3] {
     let channel = |shift: f32| ((hue + shift).rem_euclid(6.0) - 3.0).abs() - 1.0;
     [0.0, 4.0, 2.0].map(|shift| brightness * lerp(1.0, channel(shift).clamp(0.0, 1.0), saturation))
@@ -251,7 +253,7 @@ fn to_edge(t: f32) -> f32 {
     (t - t.round()).abs()
 }
 
-/// Distance from `p` to the line from `a` to `b`.
+/// Distance from `p` to the segment from `a` to `b`.
 fn to_segment(p: [f32; 2], a: [f32; 2], b: [f32; 2]) -> f32 {
     let [way, to_p] = [[b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]];
     let length = (way[0] * way[0] + way[1] * way[1]).max(1e-9);
@@ -306,7 +308,7 @@ mod tests {
                 let (u, v) = (0.00513 * i as f32, 0.00731 * i as f32);
                 let near = |a: Rgb, b: Rgb| a.iter().zip(b).all(|(a, b)| a.abs_diff(b) <= 6);
                 let here = pattern.colour(u, v);
-                // Rounding may carry a point over an edge of the motif, seldom all four neighbours.
+                // Rounding may carry one point over an edge of the motif, seldom both.
                 let again = [0.0, 1e-4].map(|e| pattern.colour(u + 1.0 + e, v - 1.0 - e));
                 assert!(again.iter().any(|&c| near(here, c)), "{motif:?} at {u} {v}: {here:?} {again:?}");
             }

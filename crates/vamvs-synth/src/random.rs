@@ -1,25 +1,25 @@
-//! Random numbers that depend on a seed, a scene and a purpose alone, never on the order of work.
+//! Random numbers that depend only on a seed, a scene and a purpose, never on the order of work.
 
 use std::f64::consts::TAU;
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// The random numbers of `scene` for a `purpose`. Other purposes, as other scenes, get others, so that
-/// drawing one more number for one does not change the rest.
+/// The random numbers of `scene` for a `purpose`. Each scene and each purpose has its own stream, so that drawing
+/// one number more for one purpose does not change the others.
 pub(crate) fn stream(seed: u64, scene: u64, purpose: &str) -> Pcg64 {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&seed.to_le_bytes()).update(&scene.to_le_bytes()).update(purpose.as_bytes());
     Pcg64::from_seed(hasher.finalize().into())
 }
 
-/// A normally distributed number, mean 0 and deviation 1 (Box and Muller's).
+/// A normally distributed number with mean 0 and standard deviation 1 (Box–Muller).
 pub(crate) fn normal(random: &mut Pcg64) -> f64 {
     let radius = (-2.0 * (1.0 - random.random::<f64>()).ln()).sqrt();
     radius * (TAU * random.random::<f64>()).cos()
 }
 
-/// A number from −1 to 1, its middle more likely than its ends.
+/// A number from −1 to 1, triangularly distributed with its peak at 0.
 pub(crate) fn triangular(random: &mut Pcg64) -> f64 {
     random.random::<f64>() - random.random::<f64>()
 }

@@ -1,4 +1,4 @@
-//! All that makes a scene, and its record beside the scene.
+//! The recipe that determines a scene, and its record in the scene's folder.
 
 use std::path::Path;
 
@@ -9,47 +9,47 @@ use vamvs_io::{IoError, atomic};
 
 use crate::{Effects, RenderOptions, Rig, Style, SynthError};
 
-/// Changes whenever the same recipe gives another scene.
+/// Version of the generator: it changes whenever the same recipe would give a different scene.
 const VERSION: u32 = 1;
 
-/// All that makes a scene: equal recipes, equal files.
+/// Everything that determines a scene: equal recipes give equal files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Recipe {
-    /// The version of this crate's scenes.
+    /// Version of the generator.
     pub version: u32,
     /// The seed of the set.
     pub seed: u64,
     /// The scene's number in the set.
     pub scene: u64,
-    /// What the scene is.
+    /// The kind of scene.
     pub style: Style,
-    /// How the cameras stand.
+    /// How the cameras are arranged.
     pub rig: Rig,
     /// Number of cameras.
     pub views: usize,
-    /// Size of the photographs.
+    /// Size of the photographs, pixels.
     pub size: Size,
-    /// How they are rendered.
+    /// How the photographs are rendered.
     pub render: RenderOptions,
-    /// What makes them look real.
+    /// Limits of the lens and sensor effects added to the photographs.
     pub effects: Effects,
-    /// Whether normals are kept.
+    /// Whether normals are written.
     pub normals: bool,
-    /// [`Assets::fingerprint`](crate::Assets::fingerprint).
+    /// Hash of the assets: [`Assets::fingerprint`](crate::Assets::fingerprint).
     pub assets: String,
 }
 
 impl Recipe {
-    /// The version of the scenes that this crate makes.
+    /// The version of recipes that are made now.
     pub(crate) const fn version() -> u32 {
         VERSION
     }
 
-    /// Whether the record at `path` is there and is this recipe.
+    /// Whether there is a record at `path` that equals this recipe; `false` if there is no file.
     ///
     /// # Errors
-    /// If the record is another recipe's, or none.
+    /// If the record is that of another recipe, is not valid JSON, or cannot be read.
     pub(crate) fn is_at(&self, path: &Path) -> Result<bool, SynthError> {
         let text = match std::fs::read(path) {
             Ok(text) => text,
@@ -68,7 +68,7 @@ impl Recipe {
         Err(SynthError::OtherScene { folder, differences: differences.join(", ") })
     }
 
-    /// Writes the record.
+    /// Writes the record to `path`.
     pub(crate) fn save(&self, path: &Path) -> Result<(), SynthError> {
         Ok(atomic::write(path, |out| writeln!(out, "{:#}", self.to_value()))?)
     }
@@ -78,10 +78,10 @@ impl Recipe {
     }
 }
 
-/// The fields whose values differ, as `name old instead of new`.
+/// The fields that differ, each as `name old instead of new`.
 fn differences(old: &Value, new: &Value) -> Vec<String> {
     let (Value::Object(old), Value::Object(new)) = (old, new) else {
-        return vec!["no record of a scene".to_owned()];
+        return vec!["an unreadable recipe".to_owned()];
     };
     let names = old.keys().chain(new.keys().filter(|name| !old.contains_key(*name)));
     let value = |of: Option<&Value>| of.map_or("none".to_owned(), Value::to_string);

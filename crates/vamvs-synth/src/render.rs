@@ -1,4 +1,4 @@
-//! Photographs as sums of light paths.
+//! Renders photographs: the mean over many light paths per pixel.
 
 use nalgebra::Vector3;
 use vamvs_core::{Pinhole, Pose};
@@ -12,12 +12,13 @@ use crate::sampler::Pattern;
 use crate::surface::Split;
 use crate::tracer::{RenderOptions, Shot, Tracer};
 
-/// What one path covers of its pixel, at least: below that, textures would be sampled too sparsely.
+/// Smallest width of a path's texture footprint, as a share of the pixel's: narrower ones would undersample
+/// textures.
 const LEAST_COVER: f64 = 0.5;
 
 impl Tracer {
-    /// The photograph that `camera` takes at `cam_from_world`, and its ground truth. Equal seeds give equal
-    /// photographs, whatever the number of threads.
+    /// Renders the radiance that `camera` sees at `cam_from_world`, and its ground truth. Equal seeds give equal
+    /// results, whatever the number of threads.
     #[must_use]
     pub fn shoot(&self, camera: &Pinhole, cam_from_world: &Pose, options: &RenderOptions, seed: u64) -> Shot {
         let exposure = Exposure {
@@ -101,10 +102,11 @@ struct Sums {
     albedo: Vector3<f32>,
     normal: Vector3<f32>,
     distance: f32,
-    /// Paths that met a surface.
+    /// Number of paths that met a surface.
     hits: f32,
-    /// Luminance of the diffuse light by albedo, and of the specular light.
+    /// Luminance of the diffuse light divided by the albedo.
     diffuse: Moments,
+    /// Luminance of the specular light.
     specular: Moments,
 }
 
@@ -123,7 +125,7 @@ impl Sums {
     }
 }
 
-/// `part` of `whole`; 0 of nothing.
+/// `part` / `whole`, or 0 if `whole` is 0.
 fn share(part: f32, whole: f32) -> f32 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }
@@ -141,8 +143,8 @@ impl Moments {
         self.squares += value * value;
     }
 
-    /// The variance of the mean of `n` values, of which those not added are 0. A single value is
-    /// taken to be as uncertain as it is large.
+    /// The variance of the mean of `n` values; values that were not added count as 0. For a single value, its
+    /// square.
     fn variance_of_mean(&self, n: f32) -> f32 {
         if n < 2.0 {
             return self.squares;
@@ -168,7 +170,7 @@ mod tests {
         Object { mesh: Arc::new(mesh), material, world_from_object }
     }
 
-    /// A coated ball and a box on a floor under a lamp and a sky that is brighter on one side.
+    /// A coated ball and a box on a floor, lit by a lamp and a sky that is brighter on one side.
     fn tracer() -> Tracer {
         let objects = vec![
             object(primitive::rectangle([6.0, 6.0]), [180; 3], 0.0, [0.0; 3]),
@@ -186,7 +188,7 @@ mod tests {
         Tracer::new(&World { objects, environment, lamps: vec![lamp] })
     }
 
-    /// Mean light of each row of a small photograph.
+    /// Mean green radiance of each row of a small image.
     fn rows(tracer: &Tracer, aim_at_lights: bool) -> Vec<f32> {
         let intrinsics = Intrinsics { fx: 14.0, fy: 14.0, cx: 8.0, cy: 6.0 };
         let camera = Pinhole { size: Size::new(16, 12), intrinsics };

@@ -1,5 +1,5 @@
-//! Cameras around what is to be seen: rigs of random shape, none of whose cameras is in, behind or right
-//! before an object.
+//! Places cameras around a focus: rigs of random shape, with no camera inside, behind or right in front of an
+//! object.
 
 use std::f64::consts::{PI, TAU};
 
@@ -12,17 +12,17 @@ use vamvs_core::{Intrinsics, Pinhole, Pose, Size};
 use crate::random::triangular;
 use crate::{Focus, Tracer};
 
-/// How cameras stand to one another.
+/// How cameras are arranged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Rig {
     /// Spread over a cap of a dome.
     Dome,
-    /// One after the other along an arc, hand-held.
+    /// One after the other along an arc, as if hand-held.
     Arc,
-    /// In rows and columns, nearly in parallel.
+    /// In rows and columns, parallel or converging on the focus.
     Grid,
-    /// On a circle at one height, all around if there are enough.
+    /// On a horizontal circle, all around if there are enough cameras.
     Ring,
 }
 
@@ -41,8 +41,8 @@ impl Rig {
         }
     }
 
-    /// The smallest and the largest angle, degrees: for a dome from its middle to its border, else
-    /// between neighbours.
+    /// The smallest and the largest angle of the rig, as seen from the focus, degrees: for a dome from its middle to
+    /// its border, else between neighbouring cameras.
     const fn angles(self) -> (f64, f64) {
         match self {
             Self::Dome => (14.0, 38.0),
@@ -52,50 +52,51 @@ impl Rig {
         }
     }
 
-    /// How unsteady cameras are held, 1 for a rig that is bolted together.
+    /// Factor on the random displacement and rotation of cameras; 2 if they are hand-held.
     const fn unsteadiness(self) -> f64 {
         if matches!(self, Self::Arc) { 2.0 } else { 1.0 }
     }
 }
 
-/// What cameras are wanted.
+/// Which rig is wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RigOptions {
-    /// How they stand.
+    /// How the cameras are arranged.
     pub rig: Rig,
-    /// How many.
+    /// Number of cameras.
     pub views: usize,
-    /// Size of their images.
+    /// Size of their images, pixels.
     pub size: Size,
 }
 
-/// A camera in its place.
+/// A camera and its pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Station {
     /// The camera, the same for the whole rig.
     pub camera: Pinhole,
-    /// Its pose.
+    /// The pose.
     pub cam_from_world: Pose,
 }
 
-/// Rigs that are tried before a stage is given up, each closer to the focus than the one before.
+/// Number of rigs that are tried before a stage is given up, each closer to the focus than the one before.
 const RIGS: i32 = 24;
-/// Places that are tried for a camera, each farther from the ideal one.
+/// Number of random places that are tried for a camera, each with more jitter than the one before. Also the number
+/// of directions tried for the middle of a rig.
 const PLACES: usize = 8;
-/// By how much a rig comes closer if the one before did not fit.
+/// Factor on a rig's distance if the one before did not fit.
 const CLOSER: f64 = 0.95;
-/// Field of view across the longer side, degrees.
+/// Smallest and largest field of view across the longer side of the image, degrees.
 const FIELD_OF_VIEW: (f64, f64) = (32.0, 62.0);
-/// The focus' radius as a share of half the shorter side of the image.
+/// Smallest and largest radius of the focus in the image, as a share of half the image's shorter side.
 const FILL: (f64, f64) = (0.85, 1.25);
-/// Nothing in the image is nearer than this share of the distance to the focus.
+/// Nothing in the image may be nearer than this share of the distance to the focus.
 const NEAREST: f64 = 0.3;
-/// Nothing at all is nearer than this share of it.
+/// Nothing in any direction may be nearer to a camera than this share of its distance to the focus.
 const CLEARANCE: f64 = 0.08;
-/// Rays across the image by which a view is judged, in either direction.
+/// Number of rays along each side of the image that a view is checked with.
 const GRID: usize = 9;
 
-/// Places cameras; `None` if no place was found from which they see the focus.
+/// Places the cameras of a rig; `None` if none of the rigs that were tried has a place for every camera.
 #[must_use]
 pub fn place(
     options: &RigOptions,
@@ -109,20 +110,20 @@ pub fn place(
     })
 }
 
-/// A rig before its cameras are jittered and checked.
+/// The shape of a rig, before its cameras are jittered and checked.
 struct Plan<'a> {
     rig: Rig,
     views: usize,
     focus: &'a Focus,
     camera: Pinhole,
     distance: f64,
-    /// Directions from the focus: to the middle of the rig, to the right and up.
+    /// Orthonormal directions from the focus: to the middle of the rig, right and up in its cameras' images.
     frame: [Vector3<f64>; 3],
     /// As [`Rig::angles`], radians.
     angle: f64,
-    /// Where a dome begins to be filled, or how an arc climbs, radians.
+    /// A random angle, radians: where the spiral of a dome begins; its sine sets how steeply an arc climbs.
     phase: f64,
-    /// How much the axes of a grid's cameras converge: 0 is parallel, 1 on the focus.
+    /// How much the viewing directions of a grid converge: 0 is parallel, at 1 all meet at the focus.
     convergence: f64,
 }
 
@@ -147,7 +148,7 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// The camera of a view at the first place from which it sees the focus.
+    /// The camera of a view, at the first place tried from which it sees the focus; `None` if there is none.
     fn station(&self, view: usize, tracer: &Tracer, random: &mut Pcg64) -> Option<Station> {
         (0..PLACES).find_map(|place| {
             let station = self.candidate(view, 1.0 + place as f64, random);
@@ -166,7 +167,7 @@ impl<'a> Plan<'a> {
         Station { camera: self.camera, cam_from_world: Pose::look_at(&eye, &target, &up) }
     }
 
-    /// Where a view's camera should stand, and where it should look.
+    /// The position of a view's camera before jitter, and the point that it looks at.
     fn ideal(&self, view: usize) -> (Vector3<f64>, Vector3<f64>) {
         let centre = self.focus.centre;
         let order = view as f64 - 0.5 * (self.views as f64 - 1.0);
@@ -198,14 +199,14 @@ impl<'a> Plan<'a> {
         (centre + self.distance * middle + offset, centre + (1.0 - self.convergence) * offset)
     }
 
-    /// The direction from the focus at these angles to the right of the rig's middle and above it.
+    /// The direction from the focus at these angles (radians) to the right of the rig's middle and above it.
     fn direction(&self, right: f64, up: f64) -> Vector3<f64> {
         let angle = right.hypot(up);
         let aside = self.frame[1] * right + self.frame[2] * up;
         if angle > 0.0 { self.frame[0] * angle.cos() + aside * (angle.sin() / angle) } else { self.frame[0] }
     }
 
-    /// Up in the images: the world's, but the rig's own if that looks down steeply.
+    /// The up direction of the images: the world's, or the rig's own if the rig looks down steeply.
     fn up(&self) -> Vector3<f64> {
         let steep = self.frame[0].z > 60_f64.to_radians().sin() && self.rig != Rig::Ring;
         if steep { self.frame[2] } else { Vector3::z() }
@@ -217,7 +218,7 @@ impl<'a> Plan<'a> {
     }
 }
 
-/// The angle from the middle of a rig to its outermost camera.
+/// The angle from the middle of a rig to its outermost camera (for a grid approximately), radians.
 fn span(rig: Rig, views: usize, angle: f64) -> f64 {
     let steps = views.saturating_sub(1) as f64;
     match rig {
@@ -228,8 +229,8 @@ fn span(rig: Rig, views: usize, angle: f64) -> f64 {
     }
 }
 
-/// A camera of random field of view, its principal point a little off the centre, and half its field of
-/// view across the shorter side.
+/// A camera with a random field of view and a principal point near the image centre, and half its field of view
+/// across the shorter side, radians.
 fn draw_camera(size: Size, random: &mut Pcg64) -> (Pinhole, f64) {
     let (width, height) = (size.width as f64, size.height as f64);
     let field = random.random_range(FIELD_OF_VIEW.0..FIELD_OF_VIEW.1).to_radians();
@@ -239,7 +240,7 @@ fn draw_camera(size: Size, random: &mut Pcg64) -> (Pinhole, f64) {
     (Pinhole { size, intrinsics }, (0.5 * width.min(height) / focal).atan())
 }
 
-/// The direction to the middle of a rig that reaches this far around it.
+/// A random direction from the focus to the middle of a rig that reaches `reach` (radians) to all sides.
 fn middle(focus: &Focus, reach: f64, random: &mut Pcg64) -> Vector3<f64> {
     let room = (focus.spread - reach).max(0.0);
     let [axis, right, up] = frame(&focus.axis);
@@ -252,14 +253,14 @@ fn middle(focus: &Focus, reach: f64, random: &mut Pcg64) -> Vector3<f64> {
     (0..PLACES).map(|_| draw()).find(|direction| direction.z >= lowest).unwrap_or(focus.axis)
 }
 
-/// Unit vectors: `forward`, right as seen when looking against it, and up.
+/// Orthonormal vectors: `forward` (from the focus to a camera), and right and up as that camera sees them.
 fn frame(forward: &Vector3<f64>) -> [Vector3<f64>; 3] {
     let beside = if forward.z.abs() < 0.999 { Vector3::z() } else { Vector3::y() };
     let right = beside.cross(forward).normalize();
     [*forward, right, forward.cross(&right)]
 }
 
-/// The direction, or the one above it that is high enough for the focus.
+/// The direction, raised where needed to the lowest elevation that the focus admits.
 fn raised(direction: Vector3<f64>, focus: &Focus) -> Vector3<f64> {
     let lowest = (focus.lowest + 0.02).sin();
     let across = direction.xy();
@@ -269,25 +270,25 @@ fn raised(direction: Vector3<f64>, focus: &Focus) -> Vector3<f64> {
     (across.normalize() * (1.0 - lowest * lowest).sqrt()).push(lowest)
 }
 
-/// The vector turned about the world's z axis.
+/// The vector turned about the world's z axis by `angle` (radians).
 fn turned(vector: &Vector3<f64>, angle: f64) -> Vector3<f64> {
     let (sin, cos) = angle.sin_cos();
     Vector3::new(cos * vector.x - sin * vector.y, sin * vector.x + cos * vector.y, vector.z)
 }
 
-/// `up` tilted sideways by an angle around the viewing direction `ahead`.
+/// `up` rotated by `angle` (radians) around the viewing direction `ahead`; not of unit length.
 fn rolled(up: &Vector3<f64>, ahead: &Vector3<f64>, angle: f64) -> Vector3<f64> {
     up + ahead.cross(up).normalize() * angle.tan()
 }
 
-/// Whether a camera is clear of all objects and its image shows the surfaces around `centre`.
+/// Whether a camera is clear of all objects and its image shows surfaces at the distance of `centre`.
 fn sees(tracer: &Tracer, station: &Station, centre: &Vector3<f64>) -> bool {
     let eye = station.cam_from_world.centre();
     let distance = (centre - eye).norm();
     is_clear(tracer, &eye, CLEARANCE * distance) && shows(tracer, station, distance)
 }
 
-/// Whether the rays to all sides meet nothing within `reach`, and no object from inside.
+/// Whether rays in 26 directions from `eye` meet nothing within `reach`.
 fn is_clear(tracer: &Tracer, eye: &Vector3<f64>, reach: f64) -> bool {
     let sides = [-1.0, 0.0, 1.0];
     let all =
@@ -296,8 +297,8 @@ fn is_clear(tracer: &Tracer, eye: &Vector3<f64>, reach: f64) -> bool {
     directions.all(|direction| tracer.first_hit(eye, &direction).is_none_or(|hit| hit.distance > reach))
 }
 
-/// Whether an image shows mostly surfaces, from outside, none of them close, and in its middle such at
-/// about `distance`.
+/// Whether at least 60 % of an image shows surfaces, all of them from outside and none of them close, and most of
+/// its middle shows surfaces at 0.5 to 1.8 times `distance`.
 fn shows(tracer: &Tracer, station: &Station, distance: f64) -> bool {
     let world_from_cam = station.cam_from_world.inverse();
     let Size { width, height } = station.camera.size;
@@ -340,7 +341,7 @@ mod tests {
         }
     }
 
-    /// The surface of a box, seen from outside.
+    /// A box between two corners, its outside outwards.
     fn cuboid(low: [f32; 3], high: [f32; 3]) -> Object {
         let corner =
             |i: usize| std::array::from_fn(|axis| if i >> axis & 1 == 0 { low[axis] } else { high[axis] });

@@ -1,15 +1,15 @@
-//! Random numbers along light paths, spread evenly over the paths of a pixel.
+//! Random numbers for light paths, stratified over the paths of a pixel.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-/// Pairs of numbers of a path that are spread evenly; later ones are random.
+/// How many of a path's pairs of numbers are stratified; later ones are independent.
 const PAIRS: usize = 8;
 
-/// The random numbers of a pixel: for each pair along its paths, Sobol's (0, 2)-sequence with its digits
-/// scrambled and its order shuffled at random (Burley, "Practical hash-based Owen scrambling", 2020).
+/// The random numbers of a pixel. For each of the first [`PAIRS`] pairs along its paths they are the Sobol
+/// (0, 2)-sequence, Owen-scrambled and shuffled (Burley, "Practical hash-based Owen scrambling", 2020).
 pub(crate) struct Pattern {
-    /// For each pair: seeds for both numbers' digits and for the order of the paths.
+    /// For each pair: the seeds that scramble its two numbers, and the seed that shuffles the paths.
     seeds: [[u32; 3]; PAIRS],
     random: Pcg64,
 }
@@ -22,14 +22,14 @@ pub(crate) struct Sampler<'a> {
 }
 
 impl Pattern {
-    /// The numbers of pixel number `pixel`.
+    /// The numbers of the pixel with index `pixel`.
     pub fn new(seed: u64, pixel: u64) -> Self {
         let mut random =
             Pcg64::seed_from_u64(seed ^ pixel.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
         Self { seeds: random.random(), random }
     }
 
-    /// The numbers of a path.
+    /// The numbers of the path with index `path`.
     pub fn path(&mut self, path: usize) -> Sampler<'_> {
         Sampler { pattern: self, path: path as u32, pair: 0 }
     }
@@ -46,13 +46,13 @@ impl Sampler<'_> {
         [unit(scrambled(index.reverse_bits(), x)), unit(scrambled(second_digits(index), y))]
     }
 
-    /// A number in [0, 1) by itself.
+    /// A single number in [0, 1), not stratified.
     pub fn single(&mut self) -> f32 {
         unit(self.pattern.random.random())
     }
 }
 
-/// Sobol's second sequence.
+/// The second Sobol coordinate of point `index`, as a binary fraction of 32 bits.
 fn second_digits(mut index: u32) -> u32 {
     let (mut digits, mut column) = (0, 1 << 31);
     while index != 0 {
@@ -65,8 +65,8 @@ fn second_digits(mut index: u32) -> u32 {
     digits
 }
 
-/// Flips each binary digit at random by the digits before it, so that numbers in one dyadic interval
-/// stay together (Laine and Karras 2011).
+/// Owen scrambling: flips each binary digit at random, depending on the digits before it, so that numbers in
+/// one dyadic interval stay together (the hash of Laine and Karras, 2011).
 fn scrambled(digits: u32, seed: u32) -> u32 {
     let mut bits = digits.reverse_bits().wrapping_add(seed);
     for factor in [0x6c50_b47c, 0xb82f_1e52, 0xc7af_e638, 0x8d22_f6e6] {
@@ -83,7 +83,7 @@ fn unit(bits: u32) -> f32 {
 mod tests {
     use super::*;
 
-    /// Of 16 paths, each pair puts one into each of the 16 boxes of any shape of equal area.
+    /// Of 16 paths, exactly one falls into each of 16 boxes of equal area, whatever the boxes' shape.
     #[test]
     fn pairs_of_a_pixel_are_spread_evenly() {
         for (columns, rows) in [(16, 1), (8, 2), (4, 4), (2, 8), (1, 16)] {
@@ -100,7 +100,7 @@ mod tests {
         }
     }
 
-    /// Among the paths of one pixel, where one number is tells nothing about another.
+    /// Over the paths of one pixel, the first pair says nothing about the later ones.
     #[test]
     fn numbers_of_different_pairs_are_independent() {
         for pixel in 0..100 {

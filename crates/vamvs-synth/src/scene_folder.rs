@@ -1,4 +1,4 @@
-//! Where the files of a scene lie: MVSNet's layout, and the ground truth beside it.
+//! The files of a scene: MVSNet's layout, with the ground truth in further folders.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,10 +8,10 @@ use vamvs_io::{IoError, atomic, image, mvsnet, pfm, visibility};
 
 use crate::{GroundTruth, Station, SynthError};
 
-/// What a depth range has beyond the true depths, as a factor.
+/// Factor by which a depth range extends beyond the nearest and the farthest ground-truth depth.
 const MARGIN: f64 = 1.05;
 
-/// The folders of a scene's files, one file a view.
+/// The subfolders of a scene, each with one file per view.
 const FOLDERS: [&str; 6] = ["images", "cams", "depths", "visibility", "objects", "normals"];
 
 /// The folder of a scene.
@@ -33,61 +33,61 @@ impl SceneFolder {
         &self.root
     }
 
-    /// What made the scene; written last.
+    /// The scene's recipe (JSON). It is written last, so a scene that has it is complete.
     #[must_use]
     pub fn record(&self) -> PathBuf {
         self.root.join("scene.json")
     }
 
-    /// Pictures of all views on one page.
+    /// The contact sheet of up to nine views (PNG).
     #[must_use]
     pub fn sheet(&self) -> PathBuf {
         self.root.join("sheet.png")
     }
 
-    /// The source views of each view.
+    /// The source views of each view with their scores, in MVSNet's format.
     #[must_use]
     pub fn pairs(&self) -> PathBuf {
         self.root.join("pair.txt")
     }
 
-    /// The photograph of a view.
+    /// The photograph of a view (PNG).
     #[must_use]
     pub fn image(&self, view: usize) -> PathBuf {
         self.root.join(format!("images/{view:08}.png"))
     }
 
-    /// Camera, pose and depth range of a view.
+    /// Camera, pose and depth range of a view, in MVSNet's format.
     #[must_use]
     pub fn cam(&self, view: usize) -> PathBuf {
         self.root.join(format!("cams/{view:08}_cam.txt"))
     }
 
-    /// The true depth z of a view.
+    /// The ground-truth depth z of a view (PFM), 0 without a surface.
     #[must_use]
     pub fn depth(&self, view: usize) -> PathBuf {
         self.root.join(format!("depths/{view:08}.pfm"))
     }
 
-    /// The view's visibility in all views.
+    /// The visibility of a view's pixels in all views (PNG).
     #[must_use]
     pub fn visibility(&self, view: usize) -> PathBuf {
         self.root.join(format!("visibility/{view:08}.png"))
     }
 
-    /// The ids of a view's objects.
+    /// The object ids of a view's pixels (16-bit PNG), 0 without a surface.
     #[must_use]
     pub fn objects(&self, view: usize) -> PathBuf {
         self.root.join(format!("objects/{view:08}.png"))
     }
 
-    /// The normals of a view in the world.
+    /// The normals of a view in the world's frame (PFM).
     #[must_use]
     pub fn normals(&self, view: usize) -> PathBuf {
         self.root.join(format!("normals/{view:08}.pfm"))
     }
 
-    /// Makes the folders, empty: what an interrupted run left is removed, the record first.
+    /// Makes the subfolders, empty. Files of earlier runs are removed, the record first.
     pub(crate) fn begin(&self, normals: bool) -> Result<(), SynthError> {
         remove_file(&self.record())?;
         for folder in FOLDERS {
@@ -113,7 +113,7 @@ impl SceneFolder {
         Ok(image::save_png_rgb(&self.image(view), photograph)?)
     }
 
-    /// Writes what is true in a view.
+    /// Writes a view's ground truth: depth, object ids and, if wanted, normals.
     pub(crate) fn write_truth(
         &self,
         view: usize,
@@ -128,20 +128,20 @@ impl SceneFolder {
         Ok(())
     }
 
-    /// Writes a view's visibility in all views.
+    /// Writes the visibility of a view's pixels in all views.
     pub(crate) fn write_visibility(&self, view: usize, tiles: &[Grid<Visibility>]) -> Result<(), SynthError> {
         Ok(visibility::write(&self.visibility(view), tiles)?)
     }
 }
 
-/// The span of the depths and a margin; `None` without depths.
+/// The range of the depths, extended by [`MARGIN`]; `None` without any depth.
 fn depth_range(depth: &Grid<f32>) -> Option<DepthRange> {
     let depths = || depth.data().iter().copied().filter(|&depth| is_valid(depth));
     let (near, far) = (depths().reduce(f32::min)?, depths().reduce(f32::max)?);
     DepthRange::try_new(f64::from(near) / MARGIN, f64::from(far) * MARGIN).ok()
 }
 
-/// Removes what a killed run had begun to write into `folder`.
+/// Removes temporary files that an interrupted run left in `folder`.
 fn remove_temporary(folder: &Path) -> Result<(), SynthError> {
     for entry in fs::read_dir(folder).map_err(system("list", folder))? {
         let entry = entry.map_err(system("list", folder))?;
@@ -160,7 +160,7 @@ fn remove_folder(path: &Path) -> Result<(), SynthError> {
     gone(fs::remove_dir_all(path), path)
 }
 
-/// What was not there is as good as removed.
+/// Maps the result of removing `path`: a file that does not exist counts as removed.
 fn gone(removed: std::io::Result<()>, path: &Path) -> Result<(), SynthError> {
     match removed {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(system("remove", path)(error)),

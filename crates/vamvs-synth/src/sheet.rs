@@ -1,22 +1,22 @@
-//! The contact sheet of a scene: what a glance tells about its photographs, depth and visibility.
+//! The contact sheet of a scene: its photographs, depth and visibility at a glance.
 
 use vamvs_core::{Grid, Rgb, Size, Visibility};
 use vamvs_picture::{Scale, map, panel};
 
-/// Most views that a sheet shows.
+/// Largest number of views on a sheet.
 const VIEWS: usize = 9;
 
 /// Width of a picture, pixels.
 const WIDTH: usize = 192;
 
-/// Rows of pictures, one column a view.
+/// Rows of pictures, one column per view.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sheet {
     photographs: Vec<Grid<Rgb>>,
     depths: Vec<Grid<Rgb>>,
-    /// How many other views see each pixel.
+    /// The share of the other views that see each pixel.
     seen: Vec<Grid<Rgb>>,
-    /// The first view's surfaces in the other views.
+    /// Visibility of the first view's pixels in each view.
     first: Vec<Grid<Rgb>>,
 }
 
@@ -37,9 +37,9 @@ impl Sheet {
         self.seen.push(Scale::Confidence.paint(&share_of_views(own, visibility), 0.0, 1.0));
     }
 
-    /// From top to bottom: photographs; depth, blue is near; the share of the other views that see a
-    /// pixel, yellow is all; the first view's pixels in every view: green seen, red occluded, blue out
-    /// of view.
+    /// The sheet. Its rows, from the top: photographs; depth (blue is near); the share of the other views that
+    /// see a pixel (yellow is all); visibility of the first view's pixels in each view (green visible, red
+    /// occluded, blue out of view).
     pub fn paint(&self) -> Grid<Rgb> {
         let size = self.photographs.first().map_or(Size::new(0, 0), Grid::size);
         let size = panel::of_width(size, WIDTH.min(size.width));

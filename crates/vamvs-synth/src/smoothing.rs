@@ -1,4 +1,4 @@
-//! Vertex normals from triangles, smooth except over creases.
+//! Vertex normals computed from triangles: smooth, except across creases.
 
 use std::collections::HashMap;
 
@@ -9,24 +9,24 @@ use crate::Mesh;
 /// A mesh without normals.
 #[derive(Clone, Debug, Default)]
 pub struct Facets {
-    /// Vertices in the object's frame.
+    /// Vertex positions in the object's frame.
     pub positions: Vec<[f32; 3]>,
     /// Texture coordinates, one per vertex.
     pub uvs: Vec<[f32; 2]>,
-    /// Vertices of each triangle, counter-clockwise seen from outside.
+    /// Vertex indices of each triangle, counter-clockwise as seen from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// A triangle's corner: the direction of its triangle and the angle it spans there.
+/// A corner of a triangle: the triangle's unit normal and its angle at the corner, radians.
 struct Corner {
     face_normal: Vector3<f32>,
     angle: f32,
 }
 
 impl Facets {
-    /// The mesh with normals averaged (weighted by angle) over all triangles that meet at a position,
-    /// whatever their texture coordinates, and differ by less than `crease` (radians) in direction.
-    /// Triangles without area are left out.
+    /// The mesh with vertex normals. A normal is the average, weighted by angle, over the triangles that meet
+    /// at a position, whatever their texture coordinates, and whose normals differ by less than `crease`
+    /// (radians). Triangles without area are left out.
     #[must_use]
     pub fn smooth(mut self, crease: f32) -> Mesh {
         let positions = &self.positions;
@@ -58,7 +58,7 @@ impl Facets {
         self.triangles.iter().flat_map(of_triangle).collect()
     }
 
-    /// One vertex for each that was there and each normal its corners have.
+    /// The mesh with `normals`, one per corner: a vertex whose corners have different normals is duplicated.
     fn split(&self, normals: &[[f32; 3]]) -> Mesh {
         let mut mesh = Mesh::default();
         let mut known = HashMap::new();
@@ -77,16 +77,17 @@ impl Facets {
     }
 }
 
-/// Twice the triangle's area along its normal. In f64, so that small triangles keep their direction.
+/// The triangle's normal, its length twice the area; 0 for a degenerate triangle. Computed in f64, so that
+/// small triangles keep their direction.
 fn cross(positions: &[[f32; 3]], &[a, b, c]: &[u32; 3]) -> Vector3<f32> {
     let at = |vertex: u32| Vector3::from(positions[vertex as usize]).cast::<f64>();
     let cross = (at(b) - at(a)).cross(&(at(c) - at(a)));
     let length = cross.norm();
-    // A sliver's direction is rounding error; a normal of unit length must come of the others.
+    // Below this the direction is rounding error, and the triangle counts as having no area.
     if length > 1e-14 { cross.cast() } else { Vector3::zeros() }
 }
 
-/// For each vertex a number that vertices at the same position share.
+/// For each vertex the index of the first vertex at the same position.
 fn places(positions: &[[f32; 3]]) -> Vec<usize> {
     let mut first = HashMap::new();
     let place = |(index, position): (usize, &[f32; 3])| {

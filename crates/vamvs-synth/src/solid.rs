@@ -1,4 +1,4 @@
-//! Convex pieces that stand for a mesh when it collides.
+//! Collision bodies: each mesh is approximated by convex pieces.
 
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
@@ -10,22 +10,23 @@ use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};
 
 use crate::Mesh;
 
-/// Share of its convex hull that a mesh fills from which on the hull stands for it.
+/// A mesh that fills more than this share of its convex hull is replaced by the hull.
 const NEARLY_CONVEX: f32 = 0.9;
 
-/// Most vertices of a piece: more make collisions slow, not better.
+/// Upper limit of a piece's vertices: more make collisions slower, not better.
 const MOST_VERTICES: usize = 400;
 
-/// How far a mesh may reach out of its pieces, as a share of its diameter.
+/// How far points may lie outside the hull that [`extremes`] chooses for them, as a share of the diameter of
+/// their bounding box.
 const ALLOWED: f32 = 1e-3;
 
-/// Directions in which the vertices of a piece are first looked for.
+/// Number of directions in which [`extremes`] first looks for the outermost points.
 const DIRECTIONS: usize = 200;
 
-/// Half the thickness that a flat mesh is given, metres.
+/// Half the thickness that a flat mesh is given, in the mesh's unit (metres).
 const HALF_THICKNESS: f32 = 5e-4;
 
-/// Volume below which a mesh is flat, as a share of its diameter cubed.
+/// A mesh is flat if the volume of its hull, divided by its diameter cubed, is below this.
 const FLAT: f32 = 1e-5;
 
 /// A body for physics: the union of convex pieces, each the hull of its points, in the mesh's frame.
@@ -35,8 +36,8 @@ pub(crate) struct Solid {
 }
 
 impl Solid {
-    /// The body that `meshes` in one frame bound together: their hull if they nearly fill it, an
-    /// approximate convex decomposition otherwise.
+    /// The body that `meshes`, all in one frame, enclose together: their convex hull if they nearly fill
+    /// it, the hull thickened if they are flat, an approximate convex decomposition (V-HACD) otherwise.
     pub fn of(meshes: &[&Mesh]) -> Self {
         let (points, triangles) = join(meshes);
         let outer = extremes(&points);
@@ -52,13 +53,13 @@ impl Solid {
         Self { pieces: if pieces.is_empty() { vec![arrays(&outer)] } else { pieces } }
     }
 
-    /// The middle of the bounding box.
+    /// The centre of the bounding box, in the mesh's frame.
     pub fn middle(&self) -> Vector3<f32> {
         let [low, high] = self.bounds();
         0.5 * (low + high)
     }
 
-    /// The radius of the ball around the middle that the body just fits in.
+    /// The radius of the smallest ball around [`middle`](Self::middle) that contains the body.
     pub fn radius(&self) -> f32 {
         let middle = self.middle();
         self.points().map(|&point| (Vector3::from(point) - middle).norm()).fold(0.0, f32::max)
@@ -108,8 +109,9 @@ fn decompose(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Vec<[f32; 3]>> {
     pieces.filter(|piece| try_convex_hull(piece).is_ok()).map(|piece| arrays(&piece)).collect()
 }
 
-/// Few points whose hull nearly is that of all: those outermost in directions spread evenly over the
-/// sphere, then again and again those farthest outside of the hull of what was chosen.
+/// At most [`MOST_VERTICES`] points whose hull is nearly the hull of all. It starts with the outermost points
+/// in [`DIRECTIONS`] evenly spread directions, then repeatedly adds, for each face of the hull so far, the
+/// point farthest outside it, until none is farther outside than [`ALLOWED`].
 fn extremes(points: &[Vector]) -> Vec<Vector> {
     if points.len() <= MOST_VERTICES {
         return points.to_vec();
@@ -134,13 +136,13 @@ fn extremes(points: &[Vector]) -> Vec<Vector> {
     }
 }
 
-/// The point farthest along `direction`, and how far that is.
+/// Index of the point farthest along the unit vector `direction`, and its coordinate in that direction.
 fn outermost(points: &[Vector], direction: Vector) -> (usize, f32) {
     let heights = points.iter().map(|point| point.dot(direction)).enumerate();
     heights.fold((0, f32::NEG_INFINITY), |best, other| if other.1 > best.1 { other } else { best })
 }
 
-/// Direction `index` of `count` along a Fibonacci spiral.
+/// Unit vector `index` of `count`, spread evenly over the sphere along a Fibonacci spiral.
 fn spread(index: usize, count: usize) -> Vector {
     let z = 1.0 - (2.0 * index as f64 + 1.0) / count as f64;
     let angle = PI * (3.0 - 5.0_f64.sqrt()) * index as f64;
@@ -148,7 +150,7 @@ fn spread(index: usize, count: usize) -> Vector {
     Vector::new((radius * angle.cos()) as f32, (radius * angle.sin()) as f32, z as f32)
 }
 
-/// The points swept over a small cube.
+/// The corners of a cube of half side [`HALF_THICKNESS`] around each point.
 fn thickened(points: &[Vector]) -> Vec<Vector> {
     let side =
         |corner: usize, axis: usize| if corner >> axis & 1 == 0 { -HALF_THICKNESS } else { HALF_THICKNESS };
@@ -178,7 +180,7 @@ mod tests {
 
     #[test]
     fn meshes_hardly_reach_out_of_their_hulls() {
-        // A box of 10 cm with a bulge of 2 mm on top, which the corners outdo in most directions.
+        // A box of 10 cm with a bulge of 2 mm on top: in most directions a corner lies farther out than it.
         let bulge = |x: f32, y: f32| 0.1 + 0.002 * (1.0 - 400.0 * (x * x + y * y)).max(0.0);
         let top = heightfield([0.1, 0.1], [40, 40], bulge);
         let solid = Solid::of(&[&top, &cuboid([0.1, 0.1, 0.2])]);
@@ -197,7 +199,7 @@ mod tests {
         let profile = [[0.0, 0.0], [0.05, 0.0], [0.09, 0.08], [0.08, 0.08], [0.045, 0.01], [0.0, 0.01]];
         let solid = Solid::of(&[&lathe(&profile, 48)]);
         assert!(solid.pieces.len() > 2);
-        // No piece reaches far into the hollow: a ball of 3 cm fits above the bottom.
+        // No piece reaches far into the hollow: a point above the bottom is 2 cm away from all of them.
         let probe = Vector::new(0.0, 0.0, 0.05);
         for piece in &solid.pieces {
             let points: Vec<Vector> = piece.iter().map(|&p| Vector::from(p)).collect();

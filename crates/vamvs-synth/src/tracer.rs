@@ -1,4 +1,4 @@
-//! Rays through a world: what photographs of it show, and what is true.
+//! Casts rays through a world, for photographs and for ground truth.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,7 @@ use crate::geometry::{Geometry, Ray, exact_corners, exact_crossing};
 use crate::light::Lights;
 use crate::surface::{Skin, skins};
 
-/// A world that is ready to be seen.
+/// A world prepared for ray tracing.
 pub struct Tracer {
     world: World,
     pub(crate) geometry: Geometry,
@@ -17,14 +17,14 @@ pub struct Tracer {
     pub(crate) lights: Lights,
 }
 
-/// What a ray meets first.
+/// The first surface that a ray meets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Distance from the ray's origin, scene units.
     pub distance: f64,
     /// Index in [`World::objects`].
     pub object: usize,
-    /// The triangle's unit normal in the world, towards the ray's origin.
+    /// The triangle's unit normal in the world, facing the ray's origin.
     pub normal: Vector3<f64>,
     /// Whether the ray meets the triangle from outside, where its corners are counter-clockwise.
     pub outside: bool,
@@ -34,11 +34,11 @@ pub struct Hit {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 pub struct RenderOptions {
-    /// Light paths a pixel, at least 1.
+    /// Light paths per pixel, at least 1.
     pub samples: usize,
-    /// Surfaces that a path from a light to the camera may touch, at least 1: 1 is direct light alone.
+    /// Largest number of surfaces on a path from a light to the camera, at least 1; 1 is direct light alone.
     pub max_bounces: usize,
-    /// Whether the noise of the light is smoothed, guided by what is seen; textures stay as they are.
+    /// Whether noise is smoothed, guided by normals and positions; textures are not blurred.
     pub denoise: bool,
 }
 
@@ -53,26 +53,26 @@ impl Default for RenderOptions {
 pub struct Shot {
     /// Linear radiance: red, green, blue.
     pub radiance: Grid<[f32; 3]>,
-    /// What is at the pixels' centres.
+    /// Ground truth at the pixels' centres.
     pub ground_truth: GroundTruth,
 }
 
-/// What a view truly sees at its pixels' centres.
+/// Ground truth of a view at its pixels' centres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroundTruth {
     /// Depth z in scene units; 0 without a surface.
     pub depth: Grid<f32>,
     /// Index in [`World::objects`] plus one; 0 without a surface.
     pub id: Grid<u16>,
-    /// Unit normal of the triangle in the world, towards the camera; 0 without a surface.
+    /// Unit normal of the triangle in the world, facing the camera; 0 without a surface.
     pub normal: Grid<[f32; 3]>,
 }
 
 impl Tracer {
-    /// Makes a world ready.
+    /// Prepares a world for ray tracing.
     ///
     /// # Panics
-    /// If the world has more than 65535 objects, or a mesh names a vertex that it does not have.
+    /// If the world has more than 65535 objects, or a triangle has the index of a vertex that does not exist.
     #[must_use]
     pub fn new(world: &World) -> Self {
         assert!(world.objects.len() <= usize::from(u16::MAX), "object ids have 16 bits");
@@ -84,7 +84,7 @@ impl Tracer {
         }
     }
 
-    /// What the ray from `origin` meets first; `direction` may have any length but 0.
+    /// The first surface that the ray from `origin` meets; `direction` may have any length except 0.
     #[must_use]
     pub fn first_hit(&self, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<Hit> {
         let direction = direction.normalize();

@@ -1,4 +1,4 @@
-//! Which surfaces of one view another view sees, by exact ray casting.
+//! Which surface points of one view another view sees, by exact ray casting.
 
 use vamvs_core::{Grid, Pinhole, Pose, Visibility, depth_map::is_valid};
 
@@ -6,13 +6,13 @@ use crate::ground_truth::Eye;
 use crate::pixel::fill;
 use crate::tracer::Tracer;
 
-/// What is nearer than this share of the distance before a point touches it rather than hides it: room
-/// for the rounding of the depth.
+/// A surface occludes a point only if it lies in front of it by more than this share of the point's distance:
+/// a tolerance for the rounding of depth to f32.
 const SLACK: f64 = 1e-5;
 
 impl Tracer {
-    /// What becomes of each pixel of a reference view (camera, `cam_from_world`, its true depth) in a
-    /// source view (camera, `cam_from_world`).
+    /// For each pixel of a reference view (camera, `cam_from_world`, ground-truth depth), whether a source
+    /// view (camera, `cam_from_world`) sees its surface point. Pixels without depth get [`Visibility::None`].
     #[must_use]
     pub fn visibility(
         &self,

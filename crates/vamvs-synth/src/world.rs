@@ -1,4 +1,4 @@
-//! What is rendered: objects and lights. The world's z axis points up; lengths are in metres.
+//! The scene that is rendered: objects and lights. The world's z axis points up; lengths are in metres.
 
 use std::sync::Arc;
 
@@ -12,42 +12,43 @@ use crate::{Material, Mesh};
 pub struct World {
     /// Everything that has a surface.
     pub objects: Vec<Object>,
-    /// Light from infinitely far.
+    /// Light from infinitely far away.
     pub environment: Environment,
     /// Area lights.
     pub lamps: Vec<Lamp>,
 }
 
-/// A mesh in its place. Its index in [`World::objects`], plus one, is its id; 0 is the background.
+/// A mesh placed in the world. Its index in [`World::objects`], plus one, is its id; 0 is the background.
 #[derive(Clone, Debug)]
 pub struct Object {
     /// The shape.
     pub mesh: Arc<Mesh>,
-    /// What it looks like.
+    /// How its surface reflects light.
     pub material: Material,
-    /// Where it is.
+    /// Its pose and scale.
     pub world_from_object: Similarity3<f64>,
 }
 
-/// Light from infinitely far: an equirectangular map, its rows from the zenith (+z) to the nadir.
+/// Light from infinitely far away: an equirectangular map with rows from the zenith (+z) to the nadir.
 #[derive(Clone, Debug)]
 pub struct Environment {
-    /// Linear radiance; one pixel makes a uniform sky.
+    /// Linear radiance; a map of one pixel is a uniform sky.
     pub map: Arc<Grid<[f32; 3]>>,
-    /// Turns the map about z, radians.
+    /// Rotation of the map about z, radians.
     pub rotation: f64,
     /// Factor on the radiance.
     pub strength: f32,
 }
 
-/// A rectangle that emits light on the side its normal `half_u × half_v` points to. Cameras do not see it.
+/// A rectangle that emits light on one side, the one that its normal `half_u × half_v` points to. Cameras do
+/// not see it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {
     /// Centre in the world.
     pub centre: Vector3<f64>,
-    /// From the centre to the middle of one side.
+    /// Vector from the centre to the middle of one side.
     pub half_u: Vector3<f64>,
-    /// From the centre to the middle of the next side; at a right angle to `half_u`.
+    /// Vector from the centre to the middle of the next side, perpendicular to `half_u`.
     pub half_v: Vector3<f64>,
     /// Linear radiance.
     pub radiance: [f32; 3],

@@ -1,4 +1,4 @@
-//! Sets of scenes: what they depend on, what is kept, and that their files are one scene.
+//! Sets of scenes: what they depend on, which scenes are kept, and that their files fit together.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -27,7 +27,7 @@ fn options() -> SynthOptions {
     }
 }
 
-/// A set in a folder of its own.
+/// A set of scenes in a temporary folder.
 struct Set {
     folder: TempDir,
     assets: Assets,
@@ -159,7 +159,7 @@ fn options_that_make_no_scene_are_refused() {
     }
 }
 
-/// Three views and a scene, twice.
+/// Asserts that there is an event for each of three views and then one for the scene, for two scenes.
 fn expect_all_events(events: &[SynthEvent]) {
     let styles = [Style::Turntable, Style::Facade];
     for ((scene, events), style) in (0..).zip(events.chunks(4)).zip(styles) {

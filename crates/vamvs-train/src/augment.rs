@@ -1,19 +1,19 @@
-//! Changes that real photographs of one scene have between them: exposure, white balance, contrast,
-//! sharpness, noise.
+//! Augmentation of photographs: differences that real photographs of one scene have in exposure, white balance,
+//! contrast, sharpness and noise.
 
 use rand::{Rng, RngExt};
 use vamvs_core::{Grid, Rgb};
 
-/// Deviations of the logarithms of exposure, of a channel's gain, and of gamma.
+/// Standard deviations of the logarithms of exposure, of a channel's gain, and of gamma.
 const EXPOSURE: f64 = 0.12;
 const BALANCE: f64 = 0.04;
 const GAMMA: f64 = 0.1;
-/// Share of views that are blurred.
+/// Fraction of views that are blurred.
 const BLURRED: f64 = 0.2;
-/// Largest deviation of the noise, grey values.
+/// Largest standard deviation of the noise, grey values.
 const NOISE: f64 = 4.0;
 
-/// The photograph, taken otherwise.
+/// A copy of the photograph with randomly changed tones, sharpness and noise.
 pub fn retake(image: &Grid<Rgb>, rng: &mut impl Rng) -> Grid<Rgb> {
     let tables = tones(rng);
     let toned = image.map(|rgb| [0, 1, 2].map(|c| tables[c][rgb[c] as usize]));
@@ -21,7 +21,7 @@ pub fn retake(image: &Grid<Rgb>, rng: &mut impl Rng) -> Grid<Rgb> {
     noisy(&sharp, NOISE * rng.random::<f64>(), rng)
 }
 
-/// For each channel what becomes of its grey values.
+/// A random tone curve for each channel: from grey value to grey value.
 fn tones(rng: &mut impl Rng) -> [[u8; 256]; 3] {
     let exposure = (EXPOSURE * normal(rng)).exp();
     let gamma = (GAMMA * normal(rng)).exp();
@@ -34,7 +34,7 @@ fn tones(rng: &mut impl Rng) -> [[u8; 256]; 3] {
     })
 }
 
-/// With the binomial 3 × 3 filter (1, 2, 1) ⊗ (1, 2, 1) / 16.
+/// Blurs with the binomial 3×3 filter (1, 2, 1) ⊗ (1, 2, 1) / 16.
 fn blurred(image: &Grid<Rgb>) -> Grid<Rgb> {
     let size = image.size();
     Grid::from_fn(size, |x, y| {
@@ -50,7 +50,7 @@ fn blurred(image: &Grid<Rgb>) -> Grid<Rgb> {
 
 fn noisy(image: &Grid<Rgb>, deviation: f64, rng: &mut impl Rng) -> Grid<Rgb> {
     image.map(|rgb| {
-        // The sum of four bytes is near enough to normal, with deviation 147.8.
+        // The sum of four random bytes is nearly normal, with mean 510 and standard deviation 147.8.
         let noise = |value: u8| {
             let sum: i32 = rng.next_u32().to_le_bytes().into_iter().map(i32::from).sum();
             let noise = f64::from(sum - 510) / 147.8 * deviation;
@@ -60,7 +60,7 @@ fn noisy(image: &Grid<Rgb>, deviation: f64, rng: &mut impl Rng) -> Grid<Rgb> {
     })
 }
 
-/// A standard normal variate (Box and Muller).
+/// A standard normal variate, by the Box–Muller transform.
 pub(crate) fn normal(rng: &mut impl Rng) -> f64 {
     let (u, v): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());
     (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()

@@ -1,4 +1,4 @@
-//! What a network's confidence is worth: fitted to how often its depths are right.
+//! Calibration: maps a network's confidence to the fraction of inliers among pixels of that confidence.
 
 use vamvs_core::DepthMap;
 use vamvs_eval::Reliability;
@@ -8,25 +8,25 @@ use vamvs_net::{Estimator, MonotoneMap, Profile};
 use crate::sample::{Sample, whole};
 use crate::{Dataset, TrainError, Validation};
 
-/// Groups of pixels of neighbouring confidence whose shares are fitted.
+/// The number of groups of pixels with similar confidence to which the map is fitted.
 const GROUPS: usize = 64;
 
-/// What a calibration came to, on views that it was not fitted to.
+/// The reliability of the confidence before and after calibration, on views to which it was not fitted.
 #[derive(Clone, Debug)]
 pub struct Calibration {
-    /// The confidence as the network gives it.
+    /// Reliability of the network's own confidence.
     pub before: Reliability,
-    /// The calibrated confidence.
+    /// Reliability of the calibrated confidence.
     pub after: Reliability,
 }
 
-/// Fits the map from the network's confidence to the share of pixels that are right, to
-/// [`RIGHT_WITHIN`](vamvs_eval::reliability::RIGHT_WITHIN), and puts it into the network's manifest. Every second reference view is fitted to, the
-/// others are measured.
+/// Fits the map from the network's confidence to the fraction of inliers (error at most
+/// [`RIGHT_WITHIN`](vamvs_eval::reliability::RIGHT_WITHIN)) and writes it into the network's manifest. The map is
+/// fitted to every second reference view and measured on the others.
 ///
 /// # Errors
-/// If there are fewer than two reference views, a file is wrong, the module breaks its contract or knows no
-/// `set_manifest`, memory runs out, or no pixel has a true depth.
+/// If there are fewer than two reference views, a file is wrong, the module breaks its contract or has no
+/// `set_manifest`, memory runs out, or no pixel has ground-truth depth.
 pub fn calibrate(
     estimator: &mut Estimator,
     dataset: &Dataset,

@@ -1,4 +1,5 @@
-//! Everything that the next step depends on, in a folder that is there as a whole or not at all.
+//! Checkpoints: folders with everything that the next step depends on. A folder is renamed to its final name only when
+//! it is complete.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,27 +13,27 @@ use crate::TrainError;
 use crate::optimizer::Optimizer;
 use crate::options::{TrainOptions, Validation};
 
-/// Checkpoints that are kept.
+/// Number of checkpoints that are kept.
 const KEPT: usize = 3;
 
 const MODULE: &str = "module.pt";
 const OPTIMIZER: &str = "optimizer.safetensors";
 const STATE: &str = "state.json";
 
-/// Where a run is.
+/// The state of a run, apart from the network and the optimiser.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
-    /// Steps done; with the seed it is the position in the data, too.
+    /// Steps done. Together with the seed and the batch size this is the position in the sequence of samples.
     pub step: usize,
     /// The hash of the network that the run began with.
     pub network: String,
     /// The options that the run began with.
     pub options: TrainOptions,
-    /// The scenes, by name, that it learns from.
+    /// The names of the training scenes.
     pub scenes: Vec<String>,
-    /// The scenes, by name, that it is measured with, and how.
+    /// The names of the validation scenes, and the options of validation.
     pub measured: (Vec<String>, Validation),
-    /// The best score so far (see [`crate::Scores::outliers`]).
+    /// The lowest outlier rate so far (see [`crate::Scores::outliers`]).
     pub best: Option<f64>,
 }
 
@@ -42,13 +43,13 @@ pub struct Checkpoints {
 }
 
 impl Checkpoints {
-    /// Those in `RUN/checkpoints`.
+    /// The checkpoints in the folder `checkpoints` of a run's folder.
     #[must_use]
     pub fn of(run: &Path) -> Self {
         Self { folder: run.join("checkpoints") }
     }
 
-    /// The folder of the last one, if there is any.
+    /// The folder of the last checkpoint, if there is one.
     ///
     /// # Errors
     /// If the folder cannot be read.
@@ -56,7 +57,7 @@ impl Checkpoints {
         Ok(self.all()?.pop())
     }
 
-    /// All, in the order of their steps. What was not finished bears another name.
+    /// The folders of all complete checkpoints, in the order of their steps.
     fn all(&self) -> Result<Vec<PathBuf>, TrainError> {
         if !self.folder.is_dir() {
             return Ok(Vec::new());
@@ -73,10 +74,10 @@ impl Checkpoints {
         Ok(found)
     }
 
-    /// Writes a checkpoint, then removes the oldest. Returns its folder.
+    /// Writes a checkpoint and then removes the oldest ones, so that three are left. Returns its folder.
     ///
     /// # Errors
-    /// If a file cannot be written; then the checkpoints before are as they were.
+    /// If a file cannot be written; earlier checkpoints then stay as they were.
     pub fn save(
         &self,
         network: &Network,
@@ -104,10 +105,10 @@ impl Checkpoints {
     }
 }
 
-/// A hash of what tells a network from another: its parameters and its manifest.
+/// A hash of a network's manifest and trainable parameters, by which runs are told apart.
 ///
 /// # Errors
-/// If the module does not tell its parameters.
+/// If the module does not list its parameters.
 pub fn hash(network: &Network) -> Result<String, TrainError> {
     let mut hasher = blake3::Hasher::new();
     hasher.update(serde_json::to_string(network.manifest()).expect("a manifest is plain data").as_bytes());
@@ -120,18 +121,18 @@ pub fn hash(network: &Network) -> Result<String, TrainError> {
     Ok(hasher.finalize().to_hex().to_string())
 }
 
-/// The network of a checkpoint.
+/// Loads the network of a checkpoint.
 ///
 /// # Errors
-/// If the folder is not a whole checkpoint.
+/// If the folder is not a complete checkpoint.
 pub fn load_network(folder: &Path, device: Device) -> Result<Network, TrainError> {
     Ok(Network::load(&folder.join(MODULE), device)?)
 }
 
-/// The rest of a checkpoint: gives the optimiser its memory, returns where the run was.
+/// Loads the rest of a checkpoint: restores the optimiser's state and returns the run's.
 ///
 /// # Errors
-/// If the folder is not a whole checkpoint of this network.
+/// If the folder is not a complete checkpoint of this network.
 pub fn load_state(folder: &Path, optimizer: &mut Optimizer) -> Result<State, TrainError> {
     let tensors = Tensor::read_safetensors(folder.join(OPTIMIZER))?;
     optimizer.set_state(&tensors).map_err(|problem| TrainError::Run {
@@ -146,7 +147,7 @@ pub fn load_state(folder: &Path, optimizer: &mut Optimizer) -> Result<State, Tra
     })
 }
 
-/// Writes JSON with line breaks.
+/// Writes indented JSON.
 pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), TrainError> {
     let text = serde_json::to_string_pretty(value).expect("the value is plain data");
     Ok(atomic::write(path, |out| writeln!(out, "{text}"))?)

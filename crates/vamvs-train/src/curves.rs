@@ -1,4 +1,4 @@
-//! The log of a run: one JSON object a line, and its curves as a page.
+//! The log of a run, one JSON object per line, and a page with its curves.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
@@ -13,7 +13,7 @@ use crate::checkpoint::system;
 use crate::event::{StepRecord, TrainEvent, ValidationRecord};
 use crate::validate::stage_name;
 
-/// Points of a curve; steps between them are averaged.
+/// The most points of a curve; a point is the mean over several steps.
 const POINTS: usize = 300;
 /// The log of a run.
 pub struct Log {
@@ -24,8 +24,8 @@ pub struct Log {
 }
 
 impl Log {
-    /// Opens the log of a run that has done `step` steps; what it holds of later ones, from before it
-    /// was interrupted, is dropped.
+    /// Opens the log of a run that has done `step` steps. Lines of later steps, which were written before an
+    /// interruption, are dropped.
     ///
     /// # Errors
     /// If the file cannot be read or written.
@@ -57,7 +57,7 @@ impl Log {
         }
     }
 
-    /// Adds a line.
+    /// Adds an event as a line.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -71,7 +71,7 @@ impl Log {
         writeln!(self.file, "{line}").map_err(|source| system("write", &self.path, source))
     }
 
-    /// Draws the curves as a page that needs no other file.
+    /// Writes the curves to an HTML page that needs no other file.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -79,7 +79,7 @@ impl Log {
         let steps = self.steps.last().map_or(0, |record| record.step);
         let mut page = Page::new("Training", &format!("{steps} steps"));
         let mut draw = |title: &str, curves: Vec<Curve>| page.chart(&chart(title, curves));
-        draw("Loss of each stage, in its hypotheses' distance", self.losses());
+        draw("Loss of each stage, in distances between its hypotheses (s)", self.losses());
         draw("Outlier rate: share of validation pixels with an error > 1 % of the depth", self.outliers());
         draw("Share of validation pixels within d", self.within());
         draw("Learning rate", vec![curve("learning rate", &self.steps, |r| Some(r.learning_rate))]);
@@ -116,13 +116,13 @@ impl Log {
     }
 }
 
-/// Whether a line is of the first `step` steps.
+/// Whether a line belongs to the first `step` steps.
 fn is_of_first(line: &str, step: usize) -> bool {
     let value: Value = serde_json::from_str(line).unwrap_or(Value::Null);
     value["step"].as_u64().is_some_and(|of| of <= step as u64)
 }
 
-/// A curve of means over equally many steps.
+/// A curve of at most `POINTS` points, each the mean over the same number of steps.
 fn curve(name: &str, steps: &[StepRecord], value: impl Fn(&StepRecord) -> Option<f64>) -> Curve {
     let mean = |records: &[StepRecord]| {
         let known: Vec<f64> = records.iter().filter_map(&value).collect();
@@ -133,7 +133,8 @@ fn curve(name: &str, steps: &[StepRecord], value: impl Fn(&StepRecord) -> Option
     Curve { name: name.to_owned(), points }
 }
 
-/// A diagram of curves over steps, from 0 to their largest value but for the first twentieth.
+/// A chart of curves over steps. Its vertical axis runs from 0 to the largest value after the first twentieth of the
+/// steps.
 fn chart(title: &str, curves: Vec<Curve>) -> Chart<'_> {
     let points = || curves.iter().flat_map(|curve| &curve.points);
     let last = points().map(|point| point[0]).fold(1.0, f64::max);

@@ -1,4 +1,4 @@
-//! What can go wrong in training.
+//! The errors of this crate.
 
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -11,31 +11,31 @@ use vamvs_net::error::Libtorch;
 /// An error of the training crate.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
-    /// A file of the data or of the run.
+    /// A file of the training data or of the run cannot be read or written.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// The network.
+    /// An error of the network crate.
     #[error(transparent)]
     Net(#[from] NetError),
-    /// A folder holds no scene with true depths.
+    /// A folder does not contain a usable scene with ground-truth depth.
     #[error("{}: {problem}; expected scenes of `vamvs synth`, or BlendedMVS's or DTU's training set", folder.display())]
     NoScenes {
         /// The folder.
         folder: PathBuf,
-        /// What was found.
+        /// What is wrong with it.
         problem: String,
     },
-    /// An option that makes no sense.
+    /// An option is out of range.
     #[error("{name} must be {expected}, got {found}")]
     Option {
         /// Its name.
         name: &'static str,
-        /// What it may be.
+        /// The allowed values.
         expected: String,
-        /// What it is.
+        /// Its value.
         found: String,
     },
-    /// A run that does not fit its folder.
+    /// The checkpoint in the run's folder cannot be continued.
     #[error("{}: {problem}", folder.display())]
     Run {
         /// The run's folder.
@@ -43,28 +43,28 @@ pub enum TrainError {
         /// What is wrong and what to do.
         problem: String,
     },
-    /// The thread that reads samples ended: a bug.
+    /// The thread that reads samples ended, which is a bug.
     #[error("{0}; this is a bug: please report it with the lines above and the data that it happened with")]
     Loader(String),
-    /// The loss or the gradient is no number any more.
+    /// The loss or the norm of the gradient is not finite.
     #[error(
-        "the {what} became {value} at step {step}: lower the learning rate, or go on from an earlier checkpoint"
+        "the {what} became {value} at step {step}: lower the learning rate, or continue from an earlier checkpoint"
     )]
     Diverged {
         /// Which of the two.
         what: &'static str,
         /// Its value.
         value: f64,
-        /// The step.
+        /// Steps done before.
         step: usize,
     },
-    /// There are too few views, or no pixel of them has a true depth.
+    /// There are fewer than two reference views, or none of their pixels has ground-truth depth.
     #[error(
-        "there is nothing to calibrate with: expected true depths in two reference views at least, one to fit to \
-         and one to measure"
+        "there is nothing to calibrate with: expected ground-truth depths in at least two reference views, one to \
+         fit to and one to measure on"
     )]
     NothingToCalibrate,
-    /// A tensor operation failed: out of memory, as a rule.
+    /// A tensor operation failed, usually because memory ran out.
     #[error("a tensor operation failed (out of memory? try a smaller crop, fewer views or fewer planes)")]
     Tensor(#[source] Libtorch),
 }
@@ -76,7 +76,7 @@ impl From<TchError> for TrainError {
 }
 
 impl TrainError {
-    /// The error of an option.
+    /// An error about an option.
     pub(crate) fn option(name: &'static str, expected: &str, found: &dyn Display) -> Self {
         Self::Option { name, expected: expected.to_string(), found: found.to_string() }
     }

@@ -1,4 +1,4 @@
-//! What training tells of itself, for a program to draw or to log.
+//! The events of a training run, for a program to display or to log.
 
 use std::path::PathBuf;
 
@@ -6,13 +6,13 @@ use serde::Serialize;
 
 use crate::validate::Scores;
 
-/// What happened.
+/// An event of a training run.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum TrainEvent {
-    /// The run begins or goes on.
+    /// The run begins or continues.
     Begun {
-        /// Scenes to learn from.
+        /// Number of training scenes.
         scenes: usize,
         /// Steps already done.
         step: usize,
@@ -21,13 +21,13 @@ pub enum TrainEvent {
     },
     /// A step of the optimiser is done.
     Step(StepRecord),
-    /// The network was measured.
+    /// The network was validated.
     Validated(ValidationRecord),
-    /// All that the next step depends on was written.
+    /// A checkpoint was written.
     Saved {
-        /// The steps done.
+        /// Steps done.
         step: usize,
-        /// The folder.
+        /// The checkpoint's folder.
         folder: PathBuf,
     },
 }
@@ -37,11 +37,11 @@ pub enum TrainEvent {
 pub struct StepRecord {
     /// Steps done, this one included.
     pub step: usize,
-    /// What is minimised, the mean over the batch.
+    /// The minimised loss, averaged over the batch.
     pub loss: f64,
-    /// Mean |u − u_gt| / s of each stage, coarse first; none where nothing was known.
+    /// Mean |u − u_gt| / s of each stage, coarse first; `None` without ground truth.
     pub stages: Vec<Option<f64>>,
-    /// Mean |V − V_gt| (vis-var).
+    /// Mean |V − V_gt| (vis-var and vis-corr); `None` without ground truth.
     pub visibility: Option<f64>,
     /// The gradient's norm before clipping.
     pub gradient: f64,
@@ -49,11 +49,11 @@ pub struct StepRecord {
     pub learning_rate: f64,
     /// Seconds that the step took.
     pub seconds: f64,
-    /// Of these, seconds of waiting for data.
+    /// Seconds of these spent waiting for samples.
     pub waited: f64,
 }
 
-/// One measurement.
+/// One validation.
 #[derive(Clone, Debug, PartialEq, Serialize, serde::Deserialize)]
 pub struct ValidationRecord {
     /// Steps done.

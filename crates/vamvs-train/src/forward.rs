@@ -1,9 +1,9 @@
-//! The network on a sample, stage by stage, with gradients.
+//! The forward pass: runs the network on a sample, stage by stage, with gradients.
 //!
-//! Fine maps are learnt from one dilation phase of pixels (see [`vamvs_net::point_flow`]): a pixel's depth
-//! depends on its own dilation phase alone, and the pixel of one dilation phase at 1/2 on one dilation phase at 1/4 and the
-//! whole map at 1/8. So all iterations cost as much as one at 1/8, and their results are exactly those of
-//! the whole maps at these pixels.
+//! Of the maps finer than the coarse one, only one dilation phase is computed (see [`vamvs_net::point_flow`]). A
+//! pixel's depth depends on its own phase alone, and a phase at 1/2 depends on one phase at 1/4 and on the whole map
+//! at 1/8. So an iteration at any scale costs as much as one at 1/8, and its results are exactly those that the whole
+//! map would have at these pixels.
 
 use tch::Tensor;
 use vamvs_net::{Estimator, Iteration, Profile};
@@ -11,43 +11,45 @@ use vamvs_net::{Estimator, Iteration, Profile};
 use crate::TrainError;
 use crate::sample::Sample;
 
-/// What a stage gives, with the ground truth at the same pixels.
+/// The output of a stage, with the ground truth at the same pixels. Depths are in plane coordinates.
 pub struct StageOutput {
-    /// (h, w), plane coordinates.
+    /// The depth, (h, w).
     pub u: Tensor,
-    /// (D, h, w), what each plane costs; `None` for flow iterations.
+    /// The costs of the planes, (D, h, w); `None` for flow iterations.
     pub costs: Option<Tensor>,
-    /// (h, w), the depth that the stage was given; `None` for the coarse stage.
+    /// The depth that the stage refines, (h, w); `None` for the coarse stage.
     pub before: Option<Tensor>,
-    /// (h, w), NaN where unknown.
+    /// The ground truth, (h, w), NaN where unknown.
     pub ground_truth: Tensor,
-    /// The distance between its hypotheses, in plane distances (s).
+    /// Distance s between the stage's hypotheses, in plane distances; 1 for the coarse stage.
     pub step: f64,
 }
 
-/// What all stages give.
+/// The output of all stages.
 pub struct Output {
-    /// Coarse first.
+    /// The stages, coarse first.
     pub stages: Vec<StageOutput>,
-    /// vis-var: each source view's mask (h, w) in [0, 1] with its ground truth, where that is known.
+    /// vis-var and vis-corr: the visibility masks (h, w) in [0, 1], each with its ground truth (NaN where unknown), of
+    /// the source views for which the scene has visibility.
     pub visibility: Vec<(Tensor, Tensor)>,
 }
 
-/// Which stages are run, and which of them learn.
+/// Which stages are run, and which of them are trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Learning {
-    /// The coarse stage, without the flow.
+    /// Only the coarse stage is run and trained.
     Coarse,
-    /// The flow, on coarse maps as they are.
+    /// Both are run, only the flow is trained.
     Flow,
-    /// Both.
+    /// Both are run and trained.
     All,
 }
 
-/// Runs the coarse stage, and unless it learns alone the flow iterations too: those given, or else the estimator's.
+/// Runs the coarse stage and, unless only that one is trained, the flow iterations: the given ones, or else the
+/// estimator's.
 ///
 /// # Errors
-/// If the module breaks its contract, a file is wrong, or memory runs out.
+/// If the module breaks its contract, the scene lacks the visibility that is asked for, or memory runs out.
 pub fn forward(
     estimator: &Estimator,
     sample: &Sample,
@@ -101,16 +103,17 @@ pub fn forward(
     Ok(Output { visibility, stages })
 }
 
-/// Iterations with the scales of the photograph as the network sees it, without those coarser than the coarse map.
+/// Iterations with scales relative to the enlarged photograph that the network sees, without those coarser than the
+/// coarse depth map.
 fn as_seen(iterations: &[Iteration], enlarge: usize, stride: usize) -> Vec<Iteration> {
     let seen = iterations.iter().map(|i| Iteration { scale: i.scale * enlarge, ..*i });
     seen.filter(|iteration| iteration.scale <= stride).collect()
 }
 
-/// Pixels of a map at 1/scale whose coordinates are ≡ `first` modulo stride / scale.
+/// The pixels of a map at 1/scale whose coordinates are ≡ `first` modulo stride / scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct DilationPhase {
-    /// How many times larger the network sees the photograph.
+    /// The factor by which the photograph is enlarged for the network.
     enlarge: usize,
     /// The stride of the coarse features.
     stride: usize,
@@ -119,15 +122,15 @@ struct DilationPhase {
 }
 
 impl DilationPhase {
-    /// The dilation phase at `scale` that contains the parents of one dilation phase at the finest scale, which two
-    /// numbers in [0, 1) choose.
+    /// The phase at `scale` that contains the parents of a phase at the finest scale, which `choice`, two numbers in
+    /// [0, 1), selects.
     fn of(stride: usize, [scale, finest]: [usize; 2], choice: [f64; 2]) -> Self {
         let chosen = choice.map(|share| (share * (stride / finest) as f64) as usize);
         let [x, y] = chosen.map(|first| first * finest / scale);
         Self { enlarge: 1, stride, scale, first: (x, y) }
     }
 
-    /// Coordinates in the photograph of the centres of `count` of the dilation phase's pixels along an axis.
+    /// Coordinates in the photograph, along one axis, of the centres of the phase's first `count` pixels.
     fn centres(self, first: usize, count: i64) -> Vec<f64> {
         let (step, pixel) = (self.stride / self.scale, self.scale as f64 / self.enlarge as f64);
         (0..count as usize).map(|k| ((first + k * step) as f64 + 0.5) * pixel).collect()
@@ -138,7 +141,7 @@ impl DilationPhase {
         Ok([self.centres(self.first.0, width), self.centres(self.first.1, height)])
     }
 
-    /// The true plane coordinates at the pixels of a map.
+    /// The ground truth at the phase's pixels, in plane coordinates, in the shape of `like`; NaN where unknown.
     fn ground_truth(self, sample: &Sample, like: &Tensor) -> Result<Tensor, TrainError> {
         let [xs, ys] = self.places(like)?;
         let ground_truth = sample.ground_truth.coordinates(&xs, &ys, &sample.planes);

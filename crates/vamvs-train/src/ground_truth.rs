@@ -1,21 +1,21 @@
-//! The true depth of a sample, at the places where the network is asked for it.
+//! The ground truth of a sample, looked up at the positions of the network's output.
 
 use vamvs_core::depth_map::is_valid;
 use vamvs_core::{Grid, Planes, Visibility};
 
-/// Relative difference of depth up to which neighbouring pixels are one surface.
+/// Neighbouring pixels are on one surface if their depths differ by at most this, relative to the smallest.
 const ONE_SURFACE: f32 = 0.02;
 
-/// True depths of a view and how a sample's pixels lie in them.
+/// The stored ground truth of a view, and the transform from a sample's image coordinates to stored ones.
 #[derive(Clone, Debug)]
 pub struct GroundTruth {
     /// Depths as stored, 0 where unknown.
     pub depth: Grid<f32>,
-    /// For each source view of the sample what it sees of the stored pixels; empty if unknown.
+    /// For each source view of the sample, the visibility of the stored pixels in it; empty if unknown.
     pub visibility: Vec<Grid<Visibility>>,
     /// Stored image coordinates of the sample's corner (0, 0).
     pub origin: [f64; 2],
-    /// Stored pixels in one pixel of the sample.
+    /// Stored pixels per pixel of the sample, along x and y.
     pub step: [f64; 2],
 }
 
@@ -24,9 +24,9 @@ impl GroundTruth {
         [self.origin[0] + x * self.step[0], self.origin[1] + y * self.step[1]]
     }
 
-    /// The depth at image coordinates of the sample: between the four pixels around, where they are one
-    /// surface, interpolated in inverse depth (exact on planes), else that of the nearest pixel. `None`
-    /// where it is unknown or outside.
+    /// The depth at image coordinates of the sample. If the four surrounding pixels are on one surface, it is
+    /// interpolated between them in inverse depth, which is exact on planes; else it is that of the nearest pixel.
+    /// `None` where the depth is unknown or the position is outside.
     #[must_use]
     pub fn depth_at(&self, place: [f64; 2]) -> Option<f64> {
         let [x, y] = self.stored(place).map(|v| v - 0.5);
@@ -50,8 +50,8 @@ impl GroundTruth {
         is_valid(depth).then_some(depth)
     }
 
-    /// Plane coordinates at the crossings of columns `xs` and rows `ys` (image coordinates), row after
-    /// row; NaN where the depth is unknown or more than half a plane beyond the planes.
+    /// Plane coordinates at the crossings of columns `xs` and rows `ys` (image coordinates of the sample), row by row.
+    /// NaN where the depth is unknown or more than half a plane distance outside the planes.
     #[must_use]
     pub fn coordinates(&self, xs: &[f64], ys: &[f64], planes: &Planes) -> Vec<f32> {
         let last = (planes.count - 1) as f64;
@@ -62,7 +62,7 @@ impl GroundTruth {
         crossings(xs, ys).map(|place| coordinate(place).unwrap_or(f32::NAN)).collect()
     }
 
-    /// What source view `source` sees at the crossings; `None` if the visibility is unknown.
+    /// The visibility in source view `source` at the same crossings; `None` if it is not stored.
     #[must_use]
     pub fn seen(&self, source: usize, xs: &[f64], ys: &[f64]) -> Option<Vec<Visibility>> {
         let tile = self.visibility.get(source)?;

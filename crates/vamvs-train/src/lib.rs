@@ -1,14 +1,14 @@
 //! Training of the visibility-aware point-based network (sections 3.5 and 4 of the paper).
 //!
-//! A TorchScript module learns through the same geometry and the same stages that estimate depth
-//! ([`vamvs_net`]). In the order in which data flows: [`dataset`] finds scenes with true depth,
-//! [`sample`] draws one reference view with sources, cut, reduced and altered ([`augment`]), [`loader`]
-//! reads ahead, [`forward`] runs the stages, [`loss`] compares them with the [`ground_truth`], [`optimizer`] and
-//! [`schedule`] change the weights, [`checkpoint`] keeps everything that the next step depends on, and
-//! [`trainer`] goes round.
+//! A TorchScript module is trained through the same geometry and the same stages that estimate depth
+//! ([`vamvs_net`]). In the order in which data flows: [`dataset`] finds scenes with ground-truth depth, [`sample`]
+//! draws a reference view with source views, crops and reduces them and augments them ([`augment`]), [`loader`]
+//! reads ahead, [`forward`] runs the stages, [`loss`] compares their output with the [`ground_truth`],
+//! [`optimizer`] and [`schedule`] change the weights, [`checkpoint`] saves everything that the next step depends
+//! on, and [`trainer`] is the loop around them.
 //!
-//! Every sample is a function of the run's seed and its number, so a run that was stopped goes on as if
-//! it had not been.
+//! A sample depends only on the run's seed and on the sample's number, so an interrupted run continues exactly as if it
+//! had not been interrupted.
 
 pub mod augment;
 pub mod calibrate;

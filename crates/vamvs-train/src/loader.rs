@@ -1,4 +1,4 @@
-//! Samples in their order, read ahead by a thread of its own.
+//! Reads samples ahead in a thread, in the order of their numbers.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,7 +10,7 @@ use crate::options::SampleOptions;
 use crate::sample::{Sample, draw};
 use crate::{Dataset, TrainError};
 
-/// Samples that wait at most.
+/// The most samples that wait to be used.
 const AHEAD: usize = 4;
 
 /// Samples `first, first + 1, …` of a run.
@@ -19,13 +19,14 @@ pub struct Loader {
 }
 
 impl Loader {
-    /// Begins to read.
+    /// Starts a thread that reads samples from number `first` on.
     #[must_use]
     pub fn new(dataset: Arc<Dataset>, options: SampleOptions, seed: u64, first: u64) -> Self {
         Self::of(first, move |number| draw(&dataset, &options, seed, number))
     }
 
-    /// Begins to make samples by their numbers; the last is the one at which `draw` panics.
+    /// Starts a thread that draws samples by their numbers until `draw` panics; the panic becomes the last sample's
+    /// error.
     fn of(first: u64, draw: impl Fn(u64) -> Result<Sample, TrainError> + Send + 'static) -> Self {
         let (sender, samples) = sync_channel(AHEAD);
         thread::spawn(move || {
@@ -33,7 +34,7 @@ impl Loader {
                 let caught = catch_unwind(AssertUnwindSafe(|| draw(number)));
                 let ends = caught.is_err();
                 let sample = caught.unwrap_or_else(|panic| Err(panicked(number, panic.as_ref())));
-                // The receiver is gone when training has ended.
+                // Sending fails when training has ended and the receiver was dropped.
                 if sender.send(sample).is_err() || ends {
                     return;
                 }
@@ -45,7 +46,7 @@ impl Loader {
     /// The next sample.
     ///
     /// # Errors
-    /// If it could not be read, or the thread that reads has ended with a panic.
+    /// If the sample could not be read, or the thread that reads samples has panicked.
     pub fn next_sample(&self) -> Result<Sample, TrainError> {
         let ended = |_| Err(TrainError::Loader("the thread that reads samples has ended".to_owned()));
         self.samples.recv().unwrap_or_else(ended)
@@ -54,8 +55,8 @@ impl Loader {
 
 fn panicked(number: u64, panic: &(dyn Any + Send)) -> TrainError {
     let text = panic.downcast_ref::<String>().map(String::as_str);
-    let text = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("it left no message");
-    TrainError::Loader(format!("reading of sample {number} panicked: {text}"))
+    let text = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
+    TrainError::Loader(format!("reading sample {number} panicked: {text}"))
 }
 
 #[cfg(test)]

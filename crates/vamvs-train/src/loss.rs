@@ -1,25 +1,25 @@
-//! What is minimised: equations 8 and 9.
+//! The loss (equations 8 and 9).
 
 use tch::{Kind, TchError, Tensor};
 
 use crate::forward::{Learning, Output, StageOutput};
 use crate::options::LossOptions;
 
-/// Planes off within which the coarse depth itself is corrected, beside the probabilities of the planes.
+/// With cross entropy, equation 8 applies to coarse depths with at most this error, in plane distances.
 const NEAR: f64 = 2.0;
 
 /// The losses of one sample.
 pub struct Losses {
-    /// What is minimised: the sum of all, weighted; `None` if nothing is known of the sample.
+    /// The minimised loss, the weighted sum of all trained parts; `None` if there is no ground truth for any of them.
     pub total: Option<Tensor>,
-    /// Mean |u − u_gt| / s for each stage, coarse first; NaN where nothing is known.
+    /// Mean |u − u_gt| / s of each stage, coarse first; NaN without ground truth.
     pub stages: Vec<f64>,
-    /// Mean |V − V_gt|; NaN without masks.
+    /// Mean |V − V_gt|; NaN without ground truth.
     pub visibility: f64,
 }
 
-/// Compares a network's output with the ground truth; `hypotheses` to each side of a point (m). What does not learn is
-/// compared, but not minimised.
+/// Compares a network's output with the ground truth; `hypotheses` is m, the number to each side of a point. Stages
+/// that are not trained are compared, but are not part of the minimised loss.
 ///
 /// # Errors
 /// If memory runs out.
@@ -56,8 +56,8 @@ pub fn losses(
     Ok(Losses { total: total.0, stages, visibility })
 }
 
-/// Equation 8 for one stage: mean |u − u_gt| / s over pixels with a known ground truth; with `reach` > 0 those
-/// only where the depth before is within it.
+/// Equation 8 for one stage: mean |u − u_gt| / s over pixels with known ground truth. If `reach` > 0, a flow iteration
+/// counts only pixels where the error of the depth before it is at most `reach` plane distances.
 fn stage_loss(stage: &StageOutput, reach: f64) -> Result<Option<Tensor>, TchError> {
     let within = match &stage.before {
         Some(before) if reach > 0.0 => Some(before.f_sub(&stage.ground_truth)?.f_abs()?.f_le(reach)?),
@@ -67,14 +67,14 @@ fn stage_loss(stage: &StageOutput, reach: f64) -> Result<Option<Tensor>, TchErro
     loss.map(|loss| loss.f_div_scalar(stage.step)).transpose()
 }
 
-/// Mean |u − u_gt| of the coarse stage over the pixels where the error is less than `NEAR` planes.
+/// Mean |u − u_gt| of the coarse stage over the pixels where it is at most `NEAR` plane distances.
 fn near_loss(stage: &StageOutput) -> Result<Option<Tensor>, TchError> {
     let near = stage.u.f_detach()?.f_sub(&stage.ground_truth)?.f_abs()?.f_le(NEAR)?;
     mean_difference(&stage.u, &stage.ground_truth, Some(&near))
 }
 
-/// Mean of −Σ t log p over pixels with a known ground truth inside the range, where t shares the pixel between the two
-/// planes around the true depth: costs (D, h, w), ground truth (h, w), NaN where unknown.
+/// Mean of −Σ t log p over the pixels with known ground truth inside the range, where t divides a pixel linearly
+/// between the two planes that enclose its ground truth. Costs (D, h, w); ground truth (h, w), NaN where unknown.
 fn cross_entropy(costs: &Tensor, ground_truth: &Tensor) -> Result<Option<Tensor>, TchError> {
     let last = costs.size()[0] - 1;
     // Comparisons with NaN are false.
@@ -95,7 +95,7 @@ fn cross_entropy(costs: &Tensor, ground_truth: &Tensor) -> Result<Option<Tensor>
     Ok(Some(mean.f_mean(Kind::Float)?.f_neg()?))
 }
 
-/// Mean |a − b| where b is a number (and `within` holds); `None` if that is nowhere.
+/// Mean |a − b| over the pixels where b is not NaN and `within`, if given, is true; `None` if there are none.
 fn mean_difference(a: &Tensor, b: &Tensor, within: Option<&Tensor>) -> Result<Option<Tensor>, TchError> {
     let mut known = b.f_isnan()?.f_logical_not()?;
     if let Some(within) = within {

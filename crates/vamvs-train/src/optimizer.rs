@@ -1,5 +1,5 @@
-//! RMSProp and AdamW. Written out here because libtorch's keep their state to themselves, and a run that
-//! is resumed needs it.
+//! RMSProp and AdamW. They are implemented here because libtorch's do not expose their state, which a resumed run
+//! needs.
 
 use tch::{Kind, TchError, Tensor};
 use vamvs_net::Network;
@@ -7,30 +7,33 @@ use vamvs_net::Network;
 use crate::TrainError;
 use crate::options::{OptimizerOptions, Rule};
 
+/// RMSProp's α: decay of the mean squared gradient.
 const ALPHA: f64 = 0.9;
+/// AdamW's β₁ and β₂: decay of the mean gradient and of the mean squared gradient.
 const BETAS: [f64; 2] = [0.9, 0.999];
+/// Added to the root of the mean squared gradient.
 const EPSILON: f64 = 1e-8;
 
-/// A parameter with what the rule remembers of its gradients.
+/// A parameter and the optimiser's state for it.
 struct Weight {
     name: String,
     value: Tensor,
     /// Running mean of the gradient (AdamW).
     mean: Tensor,
-    /// Running mean of its square.
+    /// Running mean of the squared gradient.
     square: Tensor,
-    /// Steps in which it had a gradient.
+    /// Steps since the parameter first had a gradient, that one included.
     steps: Tensor,
 }
 
-/// The parameters of a network and the rule by which they change.
+/// The parameters of a network and the rule that updates them.
 pub struct Optimizer {
     weights: Vec<Weight>,
     options: OptimizerOptions,
 }
 
 impl Optimizer {
-    /// An optimiser that has seen nothing yet.
+    /// An optimiser in its initial state.
     ///
     /// # Errors
     /// If the module has no parameters.
@@ -47,8 +50,8 @@ impl Optimizer {
         Ok(Self { weights, options: options.clone() })
     }
 
-    /// Follows the accumulated gradients at a learning rate and forgets them. Returns their norm before
-    /// clipping; if that is not finite, the weights are left as they were.
+    /// Updates the weights by the accumulated gradients, then sets these to zero. Returns the norm of the gradients
+    /// before clipping; if it is not finite, nothing is changed.
     ///
     /// # Errors
     /// If memory runs out.
@@ -66,7 +69,7 @@ impl Optimizer {
                     weight.follow(&gradient.f_mul_scalar(factor)?, learning_rate, &self.options)?;
                     let _ = gradient.f_zero_()?;
                 } else if weight.steps.double_value(&[0]) > 0.0 {
-                    // A resumed run: the gradient was zero in the run that it continues.
+                    // In a resumed run the gradient is undefined where it was zero before the interruption.
                     weight.follow(&weight.value.f_zeros_like()?, learning_rate, &self.options)?;
                 }
             }
@@ -85,7 +88,7 @@ impl Optimizer {
         Ok(sum.sqrt())
     }
 
-    /// All that the rule remembers, by name.
+    /// The optimiser's state: tensors by name.
     #[must_use]
     pub fn state(&self) -> Vec<(String, Tensor)> {
         let of_weight = |weight: &Weight| {
@@ -94,10 +97,10 @@ impl Optimizer {
         self.weights.iter().flat_map(of_weight).collect()
     }
 
-    /// Takes up a state again.
+    /// Restores a state.
     ///
     /// # Errors
-    /// If it belongs to another network; says which tensor.
+    /// If a tensor is missing or has another shape, with its name: the state belongs to another network.
     pub fn set_state(&mut self, state: &[(String, Tensor)]) -> Result<(), String> {
         for weight in &self.weights {
             for (kind, mut tensor) in weight.memory() {

@@ -1,110 +1,112 @@
-//! How a network is trained.
+//! The options of training and validation.
 
 use serde::{Deserialize, Serialize};
 use vamvs_net::Iteration;
 
 use crate::TrainError;
 
-/// How a network is trained. What is written beside the checkpoints, and what a resumed run must share.
+/// The options of a training run. They are stored in its checkpoints, and a resumed run must have the same ones.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct TrainOptions {
-    /// Seed of all that is random.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// Steps of the optimiser.
+    /// Number of optimiser steps.
     pub steps: usize,
-    /// Of these, steps at the beginning that train the coarse part alone (section 4.2.2).
+    /// The first steps, which train the coarse stage alone (section 4.2.2).
     pub coarse_steps: usize,
-    /// Whether the flow alone learns, on coarse maps as the network makes them: `coarse_steps` and
-    /// `freeze_norm_after` are 0 then.
+    /// Whether only the flow is trained, on the coarse maps of the network as it is; `coarse_steps` and
+    /// `freeze_norm_after` must then be 0.
     pub flow_alone: bool,
-    /// Steps after which normalisation layers keep their running statistics, as when the network is used.
+    /// After this many steps normalisation layers use their running statistics, as in inference, and no longer update
+    /// them.
     pub freeze_norm_after: usize,
-    /// Samples a step, their gradients accumulated.
+    /// Samples in a step; their gradients are accumulated.
     pub batch: usize,
-    /// The flow iterations that learn; absent: the network's own, which are measured in any case.
+    /// The flow iterations that are trained; absent: the network's own. Validation always uses the network's own.
     pub iterations: Option<Vec<Iteration>>,
-    /// What is drawn from the scenes.
+    /// How samples are drawn.
     pub sample: SampleOptions,
-    /// What is minimised.
+    /// The loss.
     pub loss: LossOptions,
-    /// How the weights follow the gradient.
+    /// The optimiser.
     pub optimizer: OptimizerOptions,
 }
 
-/// What is drawn from the scenes.
+/// How samples are drawn from the scenes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct SampleOptions {
-    /// Width and height of the cut-out of the reference view, pixels, multiples of 8.
+    /// Width and height of the crop of the reference view, pixels, multiples of 8.
     pub crop: [usize; 2],
-    /// Fewest and most views, the reference included.
+    /// The fewest and the most views, reference view included.
     pub views: [usize; 2],
-    /// Most planes.
+    /// The most planes.
     pub max_planes: usize,
-    /// Smallest scale to which photographs are reduced; the largest is 1.
+    /// The smallest scale to which photographs are reduced; the largest is 1.
     pub min_scale: f64,
-    /// Largest change of either end of the depth range, as a logarithm.
+    /// The largest random change of either end of the depth range, as a natural logarithm.
     pub range_jitter: f64,
-    /// Deviation of the errors of the sources' cameras, pixels of the sample, in the middle of a wide spread
-    /// of samples (log-normal, σ = 1): estimated cameras are never exactly the true ones.
+    /// Simulated error of the source views' cameras: standard deviation of a shift of the principal point, pixels of
+    /// the sample. This is its median over the samples, among which it varies log-normally with σ = 1.
     pub camera_noise: f64,
-    /// Whether views are weighted by the true visibility instead of the network's (vis-var, table 2).
+    /// Whether views are weighted by the ground-truth visibility instead of the network's (vis-var and vis-corr;
+    /// table 2).
     pub true_visibility: bool,
-    /// Whether colours, exposure, noise and sharpness vary between views.
+    /// Whether exposure, colours, contrast, sharpness and noise are varied between views.
     pub augment: bool,
 }
 
-/// What is minimised (equations 8 and 9).
+/// The loss (equations 8 and 9).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct LossOptions {
-    /// Weight of the supervised visibility (λ_vis).
+    /// Weight λ_vis of the supervision of visibility.
     pub visibility: f64,
-    /// A flow iteration does not learn where the depth before is wrong by more than this many times the
-    /// reach of its hypotheses; 0: it learns everywhere.
+    /// A flow iteration is not trained at pixels where the error of the depth before it is greater than this many times
+    /// the reach m · s of its hypotheses. 0: it is trained at all pixels.
     pub flow_reach: f64,
-    /// Weight of the cross entropy of the coarse stage's planes; with it, coarse depths are corrected by
-    /// equation 8 only where the error is less than two planes. 0: equation 8 alone, everywhere.
+    /// Weight of the cross entropy over the planes of the coarse stage. With it, equation 8 applies to the coarse depth
+    /// only where its error is at most two plane distances. 0: equation 8 alone, at all pixels.
     pub cross_entropy: f64,
 }
 
-/// How the weights follow the gradient.
+/// The options of the optimiser.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct OptimizerOptions {
-    /// The rule.
+    /// The update rule.
     pub rule: Rule,
-    /// The learning rate, after the warm-up.
+    /// The learning rate after the warm-up.
     pub learning_rate: f64,
-    /// How it changes.
+    /// How the learning rate decreases.
     pub decay: Decay,
-    /// Steps over which it grows from nothing.
+    /// Steps over which the learning rate increases linearly to that value.
     pub warm_up: usize,
     /// Weight decay.
     pub weight_decay: f64,
-    /// Largest norm of the gradient; 0: any.
+    /// The largest norm of the gradient, to which it is clipped; 0: no clipping.
     pub clip: f64,
 }
 
-/// How weights follow the gradient.
+/// The rule that updates the weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Rule {
-    /// RMSProp with α = 0.9; weight decay is part of the gradient.
+    /// RMSProp with α = 0.9; weight decay is added to the gradient.
     RmsProp,
-    /// Adam with β = 0.9, 0.999 and weight decay beside the gradient.
+    /// Adam with β = 0.9, 0.999 and decoupled weight decay.
     AdamW,
 }
 
-/// How the learning rate changes.
+/// How the learning rate decreases.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Decay {
-    /// Half a cosine down to a hundredth at the last step.
+    /// Along half a cosine, to a hundredth at the last step.
     Cosine,
-    /// Times 0.9 after each twelfth of the steps (every second of 24 epochs, section 4.2.2).
+    /// By a factor of 0.9 after each twelfth of the steps (every second of 24 epochs, section 4.2.2).
     Steps,
 }
 
@@ -149,8 +151,8 @@ impl Default for OptimizerOptions {
 }
 
 impl TrainOptions {
-    /// Small cut-outs and AdamW, for `steps` steps: a tenth of them for the coarse part alone, the second
-    /// half with the normalisation's statistics as they are.
+    /// Small crops and AdamW, for `steps` steps. The first tenth trains the coarse stage alone; in the second half
+    /// normalisation layers use their running statistics.
     #[must_use]
     pub fn compact(steps: usize) -> Self {
         Self {
@@ -167,13 +169,14 @@ impl TrainOptions {
         }
     }
 
-    /// The paper's training (section 4.2.2), for `steps` steps: RMSProp, batches of 4 samples of 3 views
-    /// of 640 × 512 pixels and 48 planes, a sixth of the steps (4 of 24 epochs) for the coarse part alone, then two flow
-    /// iterations at 1/8 and 1/4 with s = 0.75 and 0.375; depth ranges and photographs as they are.
+    /// The paper's training (section 4.2.2), for `steps` steps: RMSProp and batches of 4 samples of 3 views of
+    /// 640×512 pixels and 48 planes. A sixth of the steps (4 of 24 epochs) trains the coarse stage alone; then there
+    /// are two flow iterations, at 1/8 and 1/4, with s = 0.75 and 0.375. Depth ranges are not jittered and photographs
+    /// are not augmented.
     ///
-    /// Three things are not as in the paper. The samples of a batch are shown one after the other, so batch
-    /// normalisation sees the views of one sample at a time. Larger photographs are cut, not resized. The planes
-    /// span each view's own depth range, not one of the whole set.
+    /// Three things differ from the paper. The samples of a batch are processed one after the other, so batch
+    /// normalisation sees the views of one sample at a time. Larger photographs are cropped, not resized. The planes
+    /// span the depth range of each view, not one range for the whole training set.
     #[must_use]
     pub fn paper(steps: usize) -> Self {
         Self {
@@ -205,15 +208,15 @@ impl TrainOptions {
         }
     }
 
-    /// Checks that the options make sense.
+    /// Checks the options.
     ///
     /// # Errors
-    /// With the first that does not.
+    /// Names the first option that is out of range.
     pub fn check(&self) -> Result<(), TrainError> {
         let SampleOptions { crop, views, max_planes, min_scale, range_jitter, camera_noise, .. } =
             &self.sample;
         let at_least = |name, value: usize, least: usize| {
-            let wrong = || TrainError::option(name, &format!("{least} at least"), &value);
+            let wrong = || TrainError::option(name, &format!("at least {least}"), &value);
             if value < least { Err(wrong()) } else { Ok(()) }
         };
         let between = |name, value: f64, low: f64, high: f64| {
@@ -226,12 +229,12 @@ impl TrainOptions {
             [("coarse-steps", self.coarse_steps), ("freeze-norm-after", self.freeze_norm_after)]
         {
             if self.flow_alone && steps > 0 {
-                return Err(TrainError::option(name, "0 where the flow learns alone", &steps));
+                return Err(TrainError::option(name, "0 if only the flow is trained", &steps));
             }
         }
         for side in crop {
             if *side < 32 || !side.is_multiple_of(8) {
-                return Err(TrainError::option("crop", "two multiples of 8 from 32 on", &side));
+                return Err(TrainError::option("crop", "two multiples of 8, at least 32", &side));
             }
         }
         at_least("the fewest views", views[0], 2)?;
@@ -249,19 +252,19 @@ impl TrainOptions {
     }
 }
 
-/// What is measured.
+/// The options of validation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Validation {
-    /// Views compared, the reference included; beyond five only those that share enough with it.
+    /// The most views, reference view included. Beyond five, only those with a good view-selection score are used.
     pub views: usize,
-    /// Longer side to which photographs are reduced, pixels.
+    /// The longer side to which larger photographs are reduced, pixels.
     pub max_size: usize,
-    /// Most planes.
+    /// The most planes.
     pub max_planes: usize,
-    /// Reference views, spread evenly over the set.
+    /// The number of reference views, spread evenly over the set.
     pub references: usize,
-    /// Whether views are weighted by the true visibility instead of the network's (vis-var).
+    /// Whether views are weighted by the ground-truth visibility instead of the network's (vis-var and vis-corr).
     pub true_visibility: bool,
 }
 

@@ -1,4 +1,4 @@
-//! One sample: a cut-out of a reference view with sources, its planes and its ground truth.
+//! Samples: a crop of a reference view with crops of its source views, the planes and the ground truth.
 
 use std::path::PathBuf;
 
@@ -21,35 +21,37 @@ use crate::dataset::{Dataset, TrainingScene, TrainingView};
 use crate::ground_truth::GroundTruth;
 use crate::options::{SampleOptions, Validation};
 
-/// How much larger than the reference's the cut-outs of source views are.
+/// The side of a source view's crop, relative to that of the reference view's.
 const SOURCE_MARGIN: f64 = 1.2;
-/// Share of the reference's cut-out that must have a true depth, and how often another place or view is tried.
+/// The fraction of the reference view's crop that must have ground-truth depth, and how many positions or views are
+/// tried.
 const LEAST_KNOWN: f64 = 0.3;
 const TRIES: usize = 8;
-/// Shares of the true depths beyond the ends of a range.
+/// The fraction of the ground-truth depths that is outside the depth range at each end.
 const OUTLIERS: f64 = 0.002;
-/// Every so many-th stored pixel, in both directions, tells the range.
+/// The depth range is computed from every fourth stored pixel in both directions.
 const STRIDE: usize = 4;
-/// Share of samples whose planes are spaced otherwise than a run would choose.
+/// The fraction of samples whose planes have another spacing than a run would choose.
 const OTHER_SPACING: f64 = 0.25;
 
-/// What the network is shown and what it should answer.
+/// The input of the network and the ground truth for its output.
 #[derive(Clone, Debug)]
 pub struct Sample {
-    /// Reference first, then the sources.
+    /// The photographs: the reference view's first, then the source views'.
     pub photos: Vec<Photo>,
     /// The planes.
     pub planes: Planes,
-    /// The reference's ground truth.
+    /// The reference view's ground truth.
     pub ground_truth: GroundTruth,
-    /// Two random numbers in [0, 1) for the forward pass: which pixels of fine maps it learns from.
+    /// Two random numbers in [0, 1) that select the dilation phase of fine maps in the forward pass.
     pub phase: [f64; 2],
-    /// Whether views are weighted by the true visibility instead of the network's (vis-var, table 2).
+    /// Whether views are weighted by the ground-truth visibility instead of the network's (vis-var and vis-corr;
+    /// table 2).
     pub true_visibility: bool,
 }
 
 impl Sample {
-    /// The features of all photographs, the reference's first.
+    /// The features of all photographs, the reference view's first.
     ///
     /// # Errors
     /// If the module breaks its contract or memory runs out.
@@ -57,7 +59,7 @@ impl Sample {
         self.photos.iter().map(|photo| network.encode(photo)).collect()
     }
 
-    /// The true depths at the centres of the pixels of a map at 1/scale, 0 where unknown.
+    /// The ground-truth depths at the pixel centres of a map at 1/scale, 0 where unknown.
     #[must_use]
     pub fn true_depths(&self, scale: usize) -> Grid<f32> {
         let size = self.photos[0].camera.size;
@@ -66,9 +68,9 @@ impl Sample {
         Grid::from_fn(Size::new(xs.len(), ys.len()), at)
     }
 
-    /// What the source views see at the crossings of columns `xs` and rows `ys`, as masks of the shape of
-    /// `like`: 1 where a view sees the surface, 0 where not, NaN where nothing is known. `None` if the
-    /// scene does not tell.
+    /// The visibility in source view `source` at the crossings of columns `xs` and rows `ys`, as a mask in the shape of
+    /// `like`: 1 where the view sees the surface, 0 where it does not, NaN where it is unknown. `None` if the scene has
+    /// no visibility.
     ///
     /// # Errors
     /// If memory runs out.
@@ -88,11 +90,11 @@ impl Sample {
         Ok(Some(Tensor::f_from_slice(&values)?.f_view_as(like)?.f_to_device(like.device())?))
     }
 
-    /// The masks that views are to be weighted by, if they are to be the true ones: (1, 1, h, w) at 1/8 for
-    /// each source view, 1 where nothing is known.
+    /// The ground-truth visibility masks, if views are weighted by them: (1, 1, h, w) at the coarse resolution for each
+    /// source view, 1 where it is unknown.
     ///
     /// # Errors
-    /// If the scene does not tell the visibility.
+    /// If the scene has no visibility.
     pub fn masks(
         &self,
         network: &Network,
@@ -114,16 +116,16 @@ impl Sample {
     }
 }
 
-/// Image coordinates of the centres of a map's pixels inside an image of `side` pixels.
+/// Image coordinates, along one axis, of the pixel centres of a map at 1/scale of an image of `side` pixels.
 #[must_use]
 pub fn centres(side: usize, scale: usize) -> Vec<f64> {
     (0..side / scale).map(|i| (i as f64 + 0.5) * scale as f64).collect()
 }
 
-/// Draws sample `number` of a run: a function of the seed and the number alone.
+/// Draws sample `number` of a run. For a data set and options it depends only on the seed and the number.
 ///
 /// # Errors
-/// If a file cannot be read, or none of several reference views has any true depth.
+/// If a file cannot be read, or none of several reference views has any ground-truth depth.
 pub fn draw(
     dataset: &Dataset,
     options: &SampleOptions,
@@ -135,7 +137,7 @@ pub fn draw(
     let sources = choose_sources(&scene.sources[reference], options.views, &mut rng);
     let cut = cut_reference(&scene.views[reference], &depth, options, &mut rng);
     let mut photos = vec![photo(&scene.views[reference], &cut, options, &mut rng)?];
-    // Some scenes have good cameras, some bad ones.
+    // The accuracy of cameras varies between samples, as it does between real scenes.
     let noise = options.camera_noise * normal(&mut rng).exp();
     for &source in &sources {
         let cut = cut_source(scene, (reference, source), &cut, &depth);
@@ -149,7 +151,7 @@ pub fn draw(
     Ok(Sample { photos, planes, ground_truth, phase, true_visibility: options.true_visibility })
 }
 
-/// A random view that has sources and true depths, with these.
+/// A random view that has source views and ground-truth depth: its scene, its index and the depth.
 fn draw_reference<'a>(
     dataset: &'a Dataset,
     rng: &mut impl Rng,
@@ -170,17 +172,17 @@ fn draw_reference<'a>(
 }
 
 fn no_truth(depth: PathBuf, found: &str) -> TrainError {
-    TrainError::NoScenes { folder: depth, problem: format!("expected true depths greater than 0, {found}") }
+    TrainError::NoScenes { folder: depth, problem: format!("expected depths greater than 0, {found}") }
 }
 
-/// A random number of sources, in random order.
+/// A random number of source views, in random order.
 fn choose_sources(sources: &[Source], [fewest, most]: [usize; 2], rng: &mut impl Rng) -> Vec<usize> {
     let mut left: Vec<usize> = sources.iter().map(|source| source.view).collect();
     let count = rng.random_range(fewest..=most).saturating_sub(1).clamp(1, left.len());
     (0..count).map(|_| left.remove(rng.random_range(0..left.len()))).collect()
 }
 
-/// A part of a photograph and the size to which it is brought.
+/// A crop: a part of a photograph and the size to which that part is resized.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Cut {
     part: PixelBox,
@@ -188,7 +190,8 @@ struct Cut {
 }
 
 impl Cut {
-    /// A part of `extent` pixels with its middle as near to `middle` as the image allows.
+    /// A crop of `extent` pixels, its centre as near to `middle` as the image allows, resized by `scale` but to no
+    /// less than 32 pixels a side.
     fn around(middle: [f64; 2], extent: [f64; 2], scale: f64, image: Size) -> Self {
         let side = |middle: f64, extent: f64, whole: usize| {
             let extent = (extent.round() as usize).clamp(1, whole);
@@ -204,7 +207,7 @@ impl Cut {
         [(self.part.x1 - self.part.x0) as f64, (self.part.y1 - self.part.y0) as f64]
     }
 
-    /// Size of the result in pixels of the part.
+    /// Pixels of the result per pixel of the part, along x and y.
     fn scale(&self) -> [f64; 2] {
         let [width, height] = self.extent();
         [self.size.width as f64 / width, self.size.height as f64 / height]
@@ -223,13 +226,14 @@ impl Cut {
     }
 }
 
-/// A random place of the reference at a random scale, where enough ground truth is known, or else some of it.
+/// A random crop of the reference view at a random scale, with enough known ground truth if several tries find one,
+/// and with some in any case.
 fn cut_reference(view: &TrainingView, depth: &Grid<f32>, options: &SampleOptions, rng: &mut impl Rng) -> Cut {
     let image = view.camera.size;
     let largest = (0..2)
         .map(|axis| [image.width, image.height][axis] as f64 / options.crop[axis] as f64)
         .fold(f64::INFINITY, f64::min);
-    // A crop larger than the image takes the whole of it, enlarged.
+    // If the crop is larger than the image, the image is enlarged.
     let most = largest.min(1.0 / options.min_scale);
     let step = if most > 1.0 { rng.random_range(1.0..=most) } else { most };
     let extent = options.crop.map(|side| side as f64 * step);
@@ -249,7 +253,7 @@ fn cut_reference(view: &TrainingView, depth: &Grid<f32>, options: &SampleOptions
     best.1.unwrap_or_else(|| around(known_place(view, depth, rng)))
 }
 
-/// The middle of a random pixel with a true depth, in the photograph's coordinates.
+/// The centre of a random pixel with ground-truth depth, in the photograph's coordinates.
 fn known_place(view: &TrainingView, depth: &Grid<f32>, rng: &mut impl Rng) -> [f64; 2] {
     let known: Vec<usize> = (0..depth.data().len()).filter(|&at| is_valid(depth.data()[at])).collect();
     let at = known[rng.random_range(0..known.len())];
@@ -257,14 +261,14 @@ fn known_place(view: &TrainingView, depth: &Grid<f32>, rng: &mut impl Rng) -> [f
     [((at % depth.width()) as f64 + 0.5) / sx, ((at / depth.width()) as f64 + 0.5) / sy]
 }
 
-/// Stored pixels in a pixel of the photograph, along both axes.
+/// Pixels of the stored depth map per pixel of the photograph, along x and y.
 fn stored_step(view: &TrainingView, depth: &Grid<f32>) -> [f64; 2] {
     let (image, stored) = (view.camera.size, depth.size());
     [stored.width as f64 / image.width as f64, stored.height as f64 / image.height as f64]
 }
 
-/// Places in the middles of a grid of cells over a cut-out, in the photograph's coordinates, and their
-/// true depths.
+/// A regular grid of positions in a crop, in the photograph's coordinates, with their ground-truth depths (0 where
+/// unknown).
 fn probes<'a>(
     cut: &'a Cut,
     view: &TrainingView,
@@ -286,7 +290,7 @@ fn known_share(cut: &Cut, view: &TrainingView, depth: &Grid<f32>) -> f64 {
     known.iter().filter(|known| **known).count() as f64 / known.len() as f64
 }
 
-/// The part of a source view around what the reference's cut-out shows.
+/// The crop of a source view around the surfaces that the reference view's crop shows.
 fn cut_source(
     scene: &TrainingScene,
     (reference, source): (usize, usize),
@@ -326,13 +330,15 @@ fn photo(
     Ok(Photo { camera: cut.camera(&view.camera), cam_from_world: view.cam_from_world, image, mask: None })
 }
 
-/// An error of the camera: over a small part of a photograph, what a small error of its orientation does.
+/// Simulates a small error of the camera's orientation: in a small crop it is nearly a shift of the principal point,
+/// here normal with standard deviation `deviation` pixels.
 fn misplace(intrinsics: &mut Intrinsics, deviation: f64, rng: &mut impl Rng) {
     intrinsics.cx += deviation * normal(rng);
     intrinsics.cy += deviation * normal(rng);
 }
 
-/// Planes as a run would choose them for a range that is not quite the ground truth's.
+/// Random planes: those that a run would choose for the jittered depth range, with up to 30 % fewer or more planes and
+/// sometimes the other spacing.
 fn planes(
     depth: &Grid<f32>,
     photos: &[Photo],
@@ -355,7 +361,7 @@ fn planes(
     Ok(Planes { range, count, spacing })
 }
 
-/// The range of a view's true depths without outliers.
+/// The range of a view's ground-truth depths without outliers.
 fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, TrainError> {
     let known = |stride: usize| -> Vec<f32> {
         let rows = (0..depth.height()).step_by(stride).map(|y| depth.row(y));
@@ -400,8 +406,8 @@ fn ground_truth(
     })
 }
 
-/// A reference view as a run would see it: with its best sources, whole, unaltered, on planes for a range
-/// a tenth wider than the ground truth's.
+/// A sample of a whole reference view as a run would see it: with its best source views, not augmented, and with
+/// planes for a depth range that is wider than the ground truth's by a factor of 1.1 at each end.
 ///
 /// # Errors
 /// As [`draw`].

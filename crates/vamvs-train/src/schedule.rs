@@ -1,14 +1,14 @@
-//! The learning rate, step by step.
+//! The schedule of the learning rate.
 
 use crate::options::{Decay, OptimizerOptions};
 
-/// The rate to which a cosine falls, as a share.
+/// [`Decay::Cosine`]: the final learning rate as a fraction of the initial one.
 const FLOOR: f64 = 0.01;
-/// Of [`Decay::Steps`]: how often the rate falls, and to what share.
+/// [`Decay::Steps`]: the number of intervals, and the factor between consecutive ones.
 const DROPS: usize = 12;
 const DROP: f64 = 0.9;
 
-/// The learning rate at `step` of `steps`.
+/// The learning rate at step `step` (from 0) of `steps`.
 #[must_use]
 pub fn learning_rate(options: &OptimizerOptions, step: usize, steps: usize) -> f64 {
     let warm = ((step + 1) as f64 / (options.warm_up + 1) as f64).min(1.0);

@@ -1,4 +1,4 @@
-//! A picture of depth maps against their ground truth.
+//! A picture that shows depth maps next to their ground truth.
 
 use std::path::Path;
 
@@ -11,13 +11,13 @@ use vamvs_picture::panel;
 use crate::TrainError;
 use crate::validate::Example;
 
-/// Rows of a sheet, and the width of each of its pictures.
+/// The most rows of a sheet, and the width of each of its pictures, pixels.
 const ROWS: usize = 8;
 const WIDTH: usize = 192;
-/// Relative error that is drawn as the worst.
+/// The relative error at the upper end of the colour scale.
 const WORST: f32 = 0.04;
 
-/// One row a reference view: photograph, ground truth, coarse depth, final depth, error.
+/// One row for each reference view: photograph, ground truth, coarse depth, final depth, error.
 #[derive(Default)]
 pub struct Sheet {
     rows: Vec<Grid<Rgb>>,
@@ -46,7 +46,7 @@ impl Sheet {
         self.rows.push(panel::row(&pictures, size));
     }
 
-    /// Writes the sheet as PNG.
+    /// Writes the sheet as a PNG file.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -65,7 +65,7 @@ impl Sheet {
     }
 }
 
-/// Without the padding.
+/// The map without its padding.
 fn cropped(map: &Grid<f32>, size: Size) -> Grid<f32> {
     Grid::from_fn(size, |x, y| map[(x, y)])
 }

@@ -1,4 +1,4 @@
-//! The round of training: sample, stages, loss, step; checkpoints and measurements between.
+//! The training loop: sample, forward pass, loss, optimiser step, with validations and checkpoints in between.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -20,17 +20,17 @@ use crate::schedule::learning_rate;
 use crate::validate::validate;
 use crate::{Dataset, TrainError, sheet};
 
-/// A run.
+/// A training run.
 pub struct TrainJob {
-    /// Scenes to learn from.
+    /// The training scenes.
     pub training: Dataset,
-    /// Scenes to measure with; empty: none.
+    /// The validation scenes; empty: no validation.
     pub validation: Dataset,
-    /// How.
+    /// The options of training.
     pub options: TrainOptions,
-    /// What is measured.
+    /// The options of validation.
     pub measure: Validation,
-    /// Steps between measurements.
+    /// Steps between validations.
     pub validate_every: usize,
     /// Time between checkpoints.
     pub checkpoint_every: Duration,
@@ -38,13 +38,12 @@ pub struct TrainJob {
     pub out: PathBuf,
 }
 
-/// Trains `network`, or goes on where the checkpoints in the run's folder end. Returns the network as it
-/// is after the last step, in evaluation mode; it is in `OUT/module.pt` too, and the best one measured in
-/// `OUT/best.pt`.
+/// Trains `network`, or continues from the last checkpoint in the run's folder. Returns the network after the last
+/// step, in evaluation mode. It is also written to `OUT/module.pt`, and the best one in validation to `OUT/best.pt`.
 ///
 /// # Errors
-/// If options make no sense, the run's folder is another run's, a file is wrong, the loss diverges, or
-/// memory runs out.
+/// If an option is out of range, the run's folder belongs to another run, a file is wrong, the loss diverges, or memory
+/// runs out.
 pub fn train(
     job: &TrainJob,
     network: Network,
@@ -94,7 +93,7 @@ impl<'a> Run<'a> {
                 let mut optimizer = Optimizer::new(&network, &job.options.optimizer)?;
                 let state = load_state(&folder, &mut optimizer)?;
                 check_same_run(&folder, &state, &fresh)?;
-                // Scores of other views tell nothing about the best by these.
+                // Scores measured on other views or with other options cannot be compared.
                 let best = state.best.filter(|_| state.measured == fresh.measured);
                 (network, optimizer, State { best, measured: fresh.measured, ..state })
             }
@@ -177,7 +176,7 @@ impl<'a> Run<'a> {
         Ok(record)
     }
 
-    /// Measures the network, keeps it if it is the best, and draws maps and curves.
+    /// Validates the network, keeps it if it is the best so far, and draws depth maps and curves.
     fn measure(&mut self) -> Result<(), TrainError> {
         if self.job.validation.scenes.is_empty() {
             return self.log.draw(&self.job.out.join("curves.html"));
@@ -215,8 +214,8 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The network with a manifest for the training that begins; what was measured of other weights is
-/// gone.
+/// The network with this training added to its manifest, and without the scores and the calibration of its earlier
+/// weights.
 fn described(mut network: Network, job: &TrainJob) -> Result<Network, TrainError> {
     let mut manifest = network.manifest().clone();
     let TrainOptions { steps, batch, sample, .. } = &job.options;
@@ -234,27 +233,27 @@ fn described(mut network: Network, job: &TrainJob) -> Result<Network, TrainError
     Ok(network)
 }
 
-/// A run goes on only as the run that it was.
+/// Checks that the checkpoint is of the same run: it began with the same network, options and training scenes.
 fn check_same_run(folder: &std::path::Path, state: &State, fresh: &State) -> Result<(), TrainError> {
     let problem = if state.network != fresh.network {
-        "the run there was begun with another network"
+        "the run in this folder began with another network"
     } else if state.options != fresh.options {
-        "the run there was begun with other options"
+        "the run in this folder began with other options"
     } else if state.scenes != fresh.scenes {
-        "the run there was begun with other scenes"
+        "the run in this folder began with other scenes"
     } else {
         return Ok(());
     };
-    let problem = format!("{problem}; give the same, or another --out, with --network of its module.pt");
+    let problem = format!("{problem}: use the same, or another --out and --network with its module.pt");
     Err(TrainError::Run { folder: folder.to_owned(), problem })
 }
 
-/// Writes a module whole or not at all.
+/// Writes a module atomically: completely or not at all.
 ///
 /// # Errors
-/// If the file cannot be written; then nothing has changed.
+/// If the file cannot be written; a previous file then stays as it was.
 pub fn write_module(network: &Network, path: &std::path::Path) -> Result<(), TrainError> {
-    // libtorch writes to paths only, and puts the file's name into the file.
+    // libtorch writes only to paths, and stores the file's name in the file, so the name is always the same.
     let folder = tempfile::tempdir().map_err(|source| system("make a folder for", path, source))?;
     let whole = folder.path().join("module.pt");
     network.save(&whole)?;
@@ -262,7 +261,7 @@ pub fn write_module(network: &Network, path: &std::path::Path) -> Result<(), Tra
     Ok(atomic::write(path, |out| out.write_all(&bytes))?)
 }
 
-/// The means over a batch.
+/// The means of the losses over a batch; the other fields of the record are set by the caller.
 fn summary(batch: &[Losses]) -> StepRecord {
     let value = |total: &Tensor| total.double_value(&[]);
     let mean = |values: &mut dyn Iterator<Item = f64>| {

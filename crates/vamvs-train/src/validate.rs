@@ -1,5 +1,5 @@
-//! How good a network is on scenes it has not seen: the paper's measures (section 4.1), per stage and by
-//! what the source views see.
+//! Validation: the paper's measures (section 4.1) on hold-out scenes, for each stage and by visibility in the source
+//! views.
 
 use serde::{Deserialize, Serialize};
 use vamvs_core::{Grid, Photo, Planes, Visibility};
@@ -11,13 +11,13 @@ use crate::dataset::Dataset;
 use crate::sample::{Sample, centres, whole};
 use crate::{TrainError, Validation};
 
-/// The paper's d for refined maps, in plane distances; for the coarse map it is 1.
+/// The paper's threshold d for refined maps, in plane distances; for the coarse map it is 1.
 const REFINED_D: f64 = 0.375;
 
 /// The scores of all stages, coarse first.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
-    /// Of each stage.
+    /// The scores of each stage.
     pub stages: Vec<StageScores>,
 }
 
@@ -27,9 +27,9 @@ pub struct Scores {
 pub struct StageScores {
     /// Over all pixels.
     pub overall: Region,
-    /// Over pixels that some source view does not see, where that is known.
+    /// Over pixels that at least one source view does not see, in scenes with visibility.
     pub invisible: Region,
-    /// Over pixels that all source views see.
+    /// Over pixels that all source views see, in scenes with visibility.
     pub fully_visible: Region,
 }
 
@@ -39,11 +39,11 @@ pub struct StageScores {
 pub struct Region {
     /// Pixels with a known ground truth.
     pub pixels: usize,
-    /// Of these, pixels within d.
+    /// Of these, pixels with an error < d.
     pub within_d: usize,
-    /// Within 3d.
+    /// Pixels with an error < 3d.
     pub within_3d: usize,
-    /// Error > 1 % of the depth.
+    /// Pixels with an error > 1 % of the depth.
     #[serde(alias = "failures")]
     pub outliers: usize,
 }
@@ -59,36 +59,36 @@ impl Region {
         self.pixels += 1;
         self.within_d += usize::from(planes_off < d);
         self.within_3d += usize::from(planes_off < 3.0 * d);
-        // A depth that is no number is an outlier.
+        // A depth that is NaN is an outlier.
         self.outliers += usize::from(relative.is_nan() || relative > RIGHT_WITHIN);
     }
 }
 
 impl Scores {
-    /// The outlier rate of the last stage: what the best network has least of.
+    /// The outlier rate of the last stage, by which the best network is chosen.
     #[must_use]
     pub fn outliers(&self) -> f64 {
         self.stages.last().map_or(f64::NAN, |stage| stage.overall.share(stage.overall.outliers))
     }
 }
 
-/// What stage number `stage` is called.
+/// The name of a stage by its number; 0 is the coarse stage.
 #[must_use]
 pub fn stage_name(stage: usize) -> String {
     if stage == 0 { "coarse".to_owned() } else { format!("iteration {stage}") }
 }
 
-/// A reference view with its maps, to look at.
+/// A reference view with its depth maps, for display.
 pub struct Example {
     /// The reference photograph.
     pub photo: Photo,
-    /// The ground truth at the last stage's size, 0 where unknown.
+    /// Ground-truth depth at the last stage's scale, 0 where unknown.
     pub ground_truth: Grid<f32>,
     /// Depth after each stage, coarse first.
     pub stages: Vec<Grid<f32>>,
 }
 
-/// Measures a network; `look` is shown every reference view.
+/// Measures a network; `look` is called with every reference view.
 ///
 /// # Errors
 /// If a file is wrong, the module breaks its contract, or memory runs out.

@@ -1,4 +1,4 @@
-//! `cameras.bin`, `images.bin`, `points3D.bin`: little-endian, each list with its length before it.
+//! `cameras.bin`, `images.bin`, `points3D.bin`: little-endian, each list preceded by its length (u64).
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -12,25 +12,25 @@ use super::model::{self, Image, Model, Observation, Point};
 use crate::bytes::ByteReader;
 use crate::{IoError, atomic};
 
-/// The point id of a keypoint that has none.
+/// The point id of a keypoint without a triangulated point.
 const NO_POINT: u64 = u64::MAX;
 
-/// Least size of a camera: id, model, width, height and three parameters.
+/// Least size of a camera in bytes: id, model, width, height and three parameters.
 const CAMERA_BYTES: u64 = 4 + 4 + 8 + 8 + 3 * 8;
 
-/// Least size of an image: id, pose, camera id, the end of its name, number of keypoints.
+/// Least size of an image in bytes: id, pose, camera id, the zero byte after its name, number of keypoints.
 const IMAGE_BYTES: u64 = 4 + 7 * 8 + 4 + 1 + 8;
 
-/// Size of a keypoint: x, y, point id.
+/// Size of a keypoint in bytes: x, y, point id.
 const OBSERVATION_BYTES: u64 = 3 * 8;
 
-/// Least size of a point: id, position, colour, error, track length.
+/// Least size of a point in bytes: id, position, colour, error, track length.
 const POINT_BYTES: u64 = 8 + 3 * 8 + 3 + 8 + 8;
 
-/// Size of a track's entry: image id, keypoint.
+/// Size of a track's entry in bytes: image id, keypoint's index.
 const TRACK_BYTES: u64 = 2 * 4;
 
-/// What becomes of the images' keypoints when a binary model is read.
+/// Whether the images' keypoints are kept when a binary model is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Keypoints {
     Read,

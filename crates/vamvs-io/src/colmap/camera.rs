@@ -1,8 +1,8 @@
-//! COLMAP's camera models as cameras, and back.
+//! Converts COLMAP's camera models to [`Camera`] and back.
 
 use vamvs_core::{Camera, Intrinsics, Lens, Size};
 
-/// A camera model of COLMAP: one or two focal lengths, the principal point, and a lens.
+/// A camera model of COLMAP. Its parameters are one or two focal lengths, the principal point, and the lens's.
 pub(super) struct CameraModel {
     /// Its name in text files.
     pub(super) name: &'static str,
@@ -14,13 +14,13 @@ pub(super) struct CameraModel {
     lens: LensKind,
 }
 
-/// What the parameters after the principal point are; those that a model does not have are 0.
+/// The meaning of the parameters after the principal point; parameters that a model lacks are 0.
 enum LensKind {
     /// k₁ k₂ p₁ p₂ k₃ … k₆.
     Rational,
     /// k₁ … k₄.
     Fisheye,
-    /// Something that [`Lens`] does not express.
+    /// A distortion that [`Lens`] cannot express.
     Unsupported,
 }
 
@@ -49,15 +49,15 @@ static MODELS: [CameraModel; 12] = [
     model("RAD_TAN_THIN_PRISM_FISHEYE", 11, 16, 2, LensKind::Unsupported),
 ];
 
-/// Longest side of an image, in pixels, that is taken for one.
+/// Longest accepted side of an image, in pixels.
 const LONGEST_SIDE: u64 = 1 << 20;
 
-/// The model of the given name.
+/// The supported model with this name.
 pub(super) fn by_name(name: &str) -> Result<&'static CameraModel, String> {
     supported(name, MODELS.iter().find(|model| model.name == name))
 }
 
-/// The model of the given number.
+/// The supported model with this number.
 pub(super) fn by_id(id: i32) -> Result<&'static CameraModel, String> {
     let model = MODELS.iter().find(|model| model.id == id);
     supported(&model.map_or_else(|| format!("number {id}"), |model| model.name.to_owned()), model)
@@ -68,11 +68,11 @@ fn supported(name: &str, model: Option<&'static CameraModel>) -> Result<&'static
     model.filter(is_supported).ok_or_else(|| {
         let names: Vec<&str> = MODELS.iter().filter(is_supported).map(|model| model.name).collect();
         let names = names.join(", ");
-        format!("expected one of the camera models {names}, found {name}; undistort the images, or refine with one of these")
+        format!("expected one of the camera models {names}, found {name}; undistort the images, or reconstruct with one of these")
     })
 }
 
-/// The image size of a camera.
+/// The image size of a camera, if both sides are in the accepted range.
 pub(super) fn size(width: u64, height: u64) -> Result<Size, String> {
     let valid = 1..=LONGEST_SIDE;
     if valid.contains(&width) && valid.contains(&height) {
@@ -82,7 +82,7 @@ pub(super) fn size(width: u64, height: u64) -> Result<Size, String> {
     }
 }
 
-/// The camera of a model's parameters, as many as the model has.
+/// The camera with these parameters of `model`; there must be `model.parameters` of them.
 pub(super) fn camera(model: &CameraModel, size: Size, parameters: &[f64]) -> Result<Camera, String> {
     if !parameters.iter().all(|value| value.is_finite()) {
         return Err(format!("expected finite parameters, found {parameters:?}"));
@@ -106,8 +106,8 @@ fn lens(kind: &LensKind, given: &[f64]) -> Lens {
     if lens.distorts() { lens } else { Lens::None }
 }
 
-/// The simplest model of PINHOLE, OPENCV, FULL_OPENCV and OPENCV_FISHEYE that expresses a camera, and
-/// its parameters.
+/// The simplest of the models PINHOLE, OPENCV, FULL_OPENCV and OPENCV_FISHEYE that can express `camera`, and
+/// the camera's parameters in it.
 pub(super) fn parameters(camera: &Camera) -> (&'static CameraModel, Vec<f64>) {
     let Intrinsics { fx, fy, cx, cy } = camera.intrinsics;
     let (id, lens) = match camera.lens {

@@ -1,8 +1,8 @@
 //! COLMAP's dense workspace: `images/`, `sparse/`, and in `stereo/` depth and normal maps of the undistorted
 //! images, `fusion.cfg` and `patch-match.cfg`.
 //!
-//! A map is `W&H&C&` in ASCII, then float32, little-endian, one plane of rows a channel. Depths of 0 or less
-//! are none; normals are in the camera's frame.
+//! A map is `W&H&C&` in ASCII, then little-endian float32, channel after channel, each as rows from top to
+//! bottom. Depths of 0 or less mean "no depth"; normals are in the camera's frame.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -12,25 +12,25 @@ use vamvs_core::{Grid, Size, depth_map};
 use crate::bytes::ByteReader;
 use crate::{IoError, atomic};
 
-/// Longest header, in bytes.
+/// Longest accepted header, in bytes.
 const LONGEST_HEADER: usize = 64;
 
-/// Which of the two maps of an image.
+/// Which of an image's two depth or normal maps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MapKind {
-    /// `photometric`: as estimated.
+    /// `photometric`: as estimated, before the geometric consistency check.
     Photometric,
-    /// `geometric`: what other views confirm, or what there is of better ones.
+    /// `geometric`: the geometrically consistent or, in vamvs's own workspaces, the confident pixels.
     Geometric,
 }
 
-/// The file of an image's depth map in the workspace.
+/// The path of an image's depth map in the workspace.
 #[must_use]
 pub fn depth_map_path(workspace: &Path, image: &str, kind: MapKind) -> PathBuf {
     map_path(workspace, "depth_maps", image, kind)
 }
 
-/// The file of an image's normal map in the workspace.
+/// The path of an image's normal map in the workspace.
 #[must_use]
 pub fn normal_map_path(workspace: &Path, image: &str, kind: MapKind) -> PathBuf {
     map_path(workspace, "normal_maps", image, kind)
@@ -44,7 +44,7 @@ fn map_path(workspace: &Path, folder: &str, image: &str, kind: MapKind) -> PathB
     workspace.join("stereo").join(folder).join(format!("{image}.{kind}.bin"))
 }
 
-/// Reads a depth map; what is not finite and positive becomes 0.
+/// Reads a depth map; values that are not finite and positive become 0.
 ///
 /// # Errors
 /// If the file cannot be read, has more than one channel, or its length is not what its header announces.
@@ -56,10 +56,10 @@ pub fn read_depth_map(path: &Path) -> Result<Grid<f32>, IoError> {
     Ok(Grid::from_vec(size, values))
 }
 
-/// Reads a normal map as it stands.
+/// Reads a normal map, in the camera's frame; its values are not changed.
 ///
 /// # Errors
-/// If the file cannot be read, has not three channels, or its length is not what its header announces.
+/// If the file cannot be read, does not have three channels, or its length is not what its header announces.
 pub fn read_normal_map(path: &Path) -> Result<Grid<[f32; 3]>, IoError> {
     let (size, values) = read(path, 3)?;
     let area = size.area();
@@ -89,7 +89,8 @@ pub fn write_normal_map(path: &Path, normals: &Grid<[f32; 3]>) -> Result<(), IoE
     })
 }
 
-/// Writes `stereo/fusion.cfg` and `stereo/patch-match.cfg` for the images of these names.
+/// Writes `stereo/fusion.cfg` and `stereo/patch-match.cfg` for the images of these names. The folder `stereo` must
+/// exist.
 ///
 /// # Errors
 /// If a file cannot be written.
@@ -112,7 +113,7 @@ fn write_plane(out: &mut dyn Write, values: impl Iterator<Item = f32>) -> io::Re
     out.write_all(&bytes)
 }
 
-/// The values of a map that must have so many channels.
+/// The size and values of a map, which must have `channels` channels.
 fn read(path: &Path, channels: usize) -> Result<(Size, Vec<f32>), IoError> {
     let mut file = ByteReader::open(path)?;
     let [width, height, found] = read_header(&mut file)?;

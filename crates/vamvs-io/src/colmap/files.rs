@@ -1,4 +1,4 @@
-//! Reading and writing models: binary files or text files.
+//! Reads and writes models, as binary or text files.
 
 use std::path::Path;
 
@@ -13,14 +13,15 @@ impl Model {
     /// Quaternions are normalised. A model without a `points3D` file has no points.
     ///
     /// # Errors
-    /// If a file cannot be read or is malformed, a camera's model is not supported, a pose or a camera
-    /// is none, or an image's camera does not exist.
+    /// If a file cannot be read or is malformed, a camera's model is not supported, a pose or a camera is
+    /// invalid, an image's camera does not exist, an image's id or name occurs twice, or a name leads out of the
+    /// image folder.
     pub fn read(folder: &Path) -> Result<Self, IoError> {
         Self::read_with(folder, Keypoints::Read)
     }
 
-    /// Reads the model in `folder` as [`Model::read`] does, but of binary files without the images' keypoints: they
-    /// are most of a model, and the tracks of the points say which view sees what.
+    /// Reads the model in `folder` as [`Model::read`] does, but skips the images' keypoints in binary files. The
+    /// keypoints make up most of a model, and the points' tracks already say which image sees which point.
     ///
     /// # Errors
     /// As [`Model::read`].

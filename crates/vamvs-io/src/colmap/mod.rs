@@ -1,8 +1,8 @@
 //! COLMAP's sparse models, text and binary, including those of COLMAP 4, and its dense workspaces.
 //!
-//! A model is a folder of `cameras`, `images` and `points3D` files, `.bin` or `.txt`; if it has both,
-//! the binary ones are read. The `rigs` and `frames` files of COLMAP 4 repeat what the images hold
-//! and are not needed.
+//! A model is a folder of `cameras`, `images` and `points3D` files, `.bin` or `.txt`; if it has both, the
+//! binary files are read. The `rigs` and `frames` files of COLMAP 4 are not read: the images have the poses
+//! too.
 
 mod binary;
 mod camera;

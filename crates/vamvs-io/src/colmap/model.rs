@@ -23,22 +23,22 @@ pub struct Model {
 /// A registered image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
-    /// COLMAP's id.
+    /// COLMAP's image id.
     pub id: u32,
     /// The file's path relative to the image folder, with `/` between folders.
     pub name: String,
-    /// The id of its camera.
+    /// The id of its camera, a key of [`Model::cameras`].
     pub camera_id: u32,
     /// The pose.
     pub cam_from_world: Pose,
-    /// The keypoints.
+    /// The keypoints; empty if they were not read.
     pub observations: Vec<Observation>,
 }
 
 /// A keypoint of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observation {
-    /// Image coordinates in the distorted image.
+    /// Position in the distorted image, in pixels.
     pub pixel: Vector2<f64>,
     /// The id of the triangulated point, if there is one.
     pub point_id: Option<u64>,
@@ -47,7 +47,7 @@ pub struct Observation {
 /// A triangulated point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
-    /// COLMAP's id.
+    /// COLMAP's point id.
     pub id: u64,
     /// Position.
     pub x_in_world: Vector3<f64>,
@@ -55,15 +55,16 @@ pub struct Point {
     pub rgb: [u8; 3],
     /// Mean reprojection error in pixels.
     pub error: f64,
-    /// Image ids, and which of the image's observations it is.
+    /// The point's observations: the image's id, and the index into that image's observations.
     pub track: Vec<(u32, u32)>,
 }
 
 impl Model {
     /// The model of a scene, with a camera for each view.
     ///
-    /// A scene does not keep keypoints: where a point was seen is where it projects, and a view behind
-    /// or beside which it lies does not see it. Colours are not known and are written as black.
+    /// A scene has no keypoints, so a point is observed where it projects, even outside the image. A view has no
+    /// observation of a point behind its camera or where its lens model folds over. Colours and reprojection
+    /// errors are unknown and set to 0.
     #[must_use]
     pub fn from_scene(scene: &Scene) -> Self {
         let cameras = scene.views.iter().map(|view| (view.id, view.camera)).collect();
@@ -83,14 +84,14 @@ impl Model {
         Self { cameras, images, points }
     }
 
-    /// Checks what no reader of a single file can see.
+    /// Checks the consistency of cameras and images, which are in different files. `folder` is for the message.
     pub(super) fn check(&self, folder: &Path) -> Result<(), IoError> {
         let (mut ids, mut names) = (HashSet::new(), HashSet::new());
         for image in &self.images {
             let problem = if !self.cameras.contains_key(&image.camera_id) {
                 format!("its camera {} does not exist", image.camera_id)
             } else if !folder::is_inside(&image.name) {
-                "its name is no path inside of an image folder".to_owned()
+                "its name is no path inside the image folder".to_owned()
             } else if !ids.insert(image.id) || !names.insert(&image.name) {
                 "its id or its name occurs twice".to_owned()
             } else {
@@ -120,7 +121,7 @@ impl fmt::Display for Image {
     }
 }
 
-/// The pose of a quaternion (w, x, y, z), which is normalised, and a translation.
+/// The pose, camera from world, of a quaternion (w, x, y, z), which is normalised here, and a translation.
 pub(crate) fn pose(quaternion: [f64; 4], translation: [f64; 3]) -> Result<Pose, String> {
     let [w, x, y, z] = quaternion;
     let norm = Quaternion::new(w, x, y, z).norm();
@@ -131,7 +132,7 @@ pub(crate) fn pose(quaternion: [f64; 4], translation: [f64; 3]) -> Result<Pose, 
     Pose::try_new(rotation.into_inner(), translation.into()).map_err(|error| error.to_string())
 }
 
-/// The unit quaternion (w, x, y, z) of a pose.
+/// The unit quaternion (w, x, y, z) of a pose's rotation.
 pub(super) fn quaternion(cam_from_world: &Pose) -> [f64; 4] {
     let rotation = Rotation3::from_matrix_unchecked(cam_from_world.rotation);
     let q = UnitQuaternion::from_rotation_matrix(&rotation);

@@ -1,4 +1,4 @@
-//! A sparse model and its image folder as a scene.
+//! Reads a sparse model and its image folder as a scene.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -9,10 +9,11 @@ use super::model::{Image, Model, Point};
 use crate::masks::Masks;
 use crate::{IoError, Loaded, Place, folder};
 
-/// Reads the model in `model` with the photographs in `images`, as a scene with views sorted by name.
+/// Reads the model in the folder `model` with the photographs in the folder `images`. Views are sorted by name and
+/// keep COLMAP's image ids.
 ///
 /// # Errors
-/// If the model cannot be read (see [`Model::read`]), has no images, or photographs are missing.
+/// If the model cannot be read (see [`Model::read`]) or has no images, or photographs are missing.
 pub fn read_scene(model: &Path, images: &Path) -> Result<Loaded, IoError> {
     let Model { cameras, images: mut registered, points } = Model::read_without_keypoints(model)?;
     if registered.is_empty() {
@@ -41,7 +42,7 @@ fn view(camera: Camera, image: Image) -> View {
     View { id: image.id, name: image.name, camera, cam_from_world: image.cam_from_world, depth_range: None }
 }
 
-/// The points with the indices of the images that saw them, each once, and the number of
+/// The points, each with the indices of the images that saw it (each image once), and the number of
 /// observations in images that do not exist. Points that no image saw are left out.
 fn sparse_points(images: &[Image], points: &[Point]) -> (Vec<SparsePoint>, usize) {
     let index_of: HashMap<u32, usize> = images.iter().enumerate().map(|(i, image)| (image.id, i)).collect();

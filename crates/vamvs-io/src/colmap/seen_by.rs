@@ -1,6 +1,7 @@
-//! COLMAP's `fused.ply.vis`: for each point of the cloud the images that see it.
+//! COLMAP's `fused.ply.vis`: for each point of the cloud, the images that see it.
 //!
-//! u64 number of points, then for each a u32 count and so many u32: places in the model's list of images.
+//! The file is little-endian: the number of points (u64), then for each point the number of images (u32) and
+//! their indices in the model's list of images (u32 each).
 
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -8,7 +9,7 @@ use std::path::Path;
 use crate::IoError;
 use crate::atomic::AtomicFile;
 
-/// Writes a visibility list point by point; the file comes into being with [`SeenByWriter::finish`].
+/// Writes a visibility list point by point; the file appears only with [`SeenByWriter::finish`].
 #[derive(Debug)]
 pub struct SeenByWriter {
     file: AtomicFile,
@@ -27,7 +28,7 @@ impl SeenByWriter {
         Ok(writer)
     }
 
-    /// Adds a point that the images at these places see.
+    /// Adds a point that the images with these indices in the model's list see.
     ///
     /// # Errors
     /// If the file cannot be written.

@@ -1,4 +1,4 @@
-//! `cameras.txt`, `images.txt` (two lines an image, of which the second may be empty), `points3D.txt`.
+//! `cameras.txt`, `images.txt` (two lines per image, of which the second may be empty), `points3D.txt`.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -83,7 +83,7 @@ fn read_images(path: &Path) -> Result<Vec<Image>, IoError> {
     Ok(images)
 }
 
-/// The name is the rest of the line: it may have spaces.
+/// Reads an image's first line. The name is the rest of the line, because it may contain spaces.
 fn parse_image(line: Line) -> Result<Image, IoError> {
     let mut words = line.words();
     let id = words.number("image id")?;

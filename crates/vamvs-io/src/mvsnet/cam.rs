@@ -1,12 +1,13 @@
-//! One camera: `extrinsic` with 4×4 world→camera, `intrinsic` with 3×3, and perhaps a depth line.
+//! A camera file: `extrinsic` with a 4×4 matrix, camera from world; `intrinsic` with the 3×3 matrix K; and an
+//! optional depth line in scene units.
 //!
-//! Writers disagree about the depth line, so it is read by its number of words:
+//! Writers disagree about the depth line, so the number of its words decides how it is read:
 //!
-//! | words | line | range |
+//! | words | line | depth range |
 //! |---|---|---|
 //! | 0 | | none |
 //! | 2 | `min interval` | min to min + interval · 191 ([`DEFAULT_PLANES`] planes) |
-//! | 2 | `min max`, distinguished from the above by its second number being larger | min to max, with a warning |
+//! | 2 | `min max`, if the second number is larger than the first | min to max, with a warning |
 //! | 3 | `min interval num` | min to min + interval · (num − 1) |
 //! | 4 | `min interval num max` | min to max |
 
@@ -19,62 +20,62 @@ use vamvs_core::{DepthRange, Intrinsics, Pinhole, Pose};
 use crate::text::WordReader;
 use crate::{IoError, atomic};
 
-/// Planes of a sweep whose depth line tells `min interval` only, as in MVSNet's own code.
+/// Number of sweep planes if the depth line gives only `min interval`, as in MVSNet's own code.
 pub const DEFAULT_PLANES: f64 = 192.0;
 
 /// How camera files are read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Options {
-    /// What the depth line says.
+    /// How the depth line is read.
     pub depth_line: DepthLine,
-    /// Where the principal point is counted from.
+    /// The convention of pixel centres, which the principal point depends on.
     pub pixel_centre: PixelCentre,
 }
 
-/// What the first two numbers of a depth line are.
+/// The meaning of the first two numbers of a depth line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum DepthLine {
-    /// By the number of words.
+    /// Decided by the number of words.
     #[default]
     Auto,
-    /// `min interval …`: the range ends at min + interval · (num − 1), whatever a fourth number says.
+    /// `min interval …`: the range ends at min + interval · (num − 1); a fourth number is ignored.
     MinInterval,
-    /// `min max …`.
+    /// `min max …`: further numbers are ignored.
     MinMax,
 }
 
-/// Where the centre of the first pixel is.
+/// The image coordinates of the first pixel's centre.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum PixelCentre {
-    /// At (0.5, 0.5), as in COLMAP and MVSNet: the files are read as they stand.
+    /// (0.5, 0.5), as in COLMAP and MVSNet: the principal point is read unchanged.
     #[default]
     Half,
-    /// At (0, 0), as in OpenCV: half a pixel is added to the principal point.
+    /// (0, 0), as in OpenCV: half a pixel is added to the principal point.
     Integer,
 }
 
 /// The content of a camera file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cam {
-    /// Focal lengths and principal point.
+    /// Focal lengths and principal point in pixels, for pixel centres at (0.5, 0.5).
     pub intrinsics: Intrinsics,
     /// The pose.
     pub cam_from_world: Pose,
-    /// The depth range, if there is a depth line.
+    /// The depth range in scene units, if there is a depth line.
     pub depth_range: Option<DepthRange>,
-    /// How an ambiguous depth line was read.
+    /// A warning that says how an ambiguous depth line was read.
     pub warning: Option<String>,
 }
 
 /// Reads a camera file.
 ///
 /// # Errors
-/// If the file cannot be read or is not of the form above, the pose or the intrinsics are none, or
-/// the depth range is empty.
+/// If the file cannot be read or is malformed, the pose or the intrinsics are invalid, or the depth range is
+/// empty.
 pub fn read_cam(path: &Path, options: &Options) -> Result<Cam, IoError> {
     let mut words = WordReader::open(path)?;
     let cam_from_world = read_pose(&mut words)?;
@@ -89,7 +90,8 @@ pub fn read_cam(path: &Path, options: &Options) -> Result<Cam, IoError> {
     Ok(Cam { intrinsics, cam_from_world, depth_range, warning })
 }
 
-/// Writes a camera file with the depth line `min interval num max` for [`DEFAULT_PLANES`] planes.
+/// Writes a camera file. If there is a depth range, its depth line is `min interval num max` for
+/// [`DEFAULT_PLANES`] planes.
 ///
 /// # Errors
 /// If the file cannot be written; then nothing has changed.
@@ -155,7 +157,7 @@ fn read_depth_line(words: &mut WordReader) -> Result<Vec<f64>, IoError> {
     Ok(numbers)
 }
 
-/// Where the depth range of a depth line ends, and a warning if that had to be guessed.
+/// The far end of a depth line's range, and a warning if it had to be guessed.
 fn range_end(numbers: &[f64], line: DepthLine) -> Result<(Option<f64>, Option<String>), String> {
     let by_interval = |min: f64, interval: f64, planes: f64| min + interval * (planes - 1.0);
     let end = match (line, numbers) {

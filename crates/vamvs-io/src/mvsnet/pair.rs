@@ -1,4 +1,5 @@
-//! `pair.txt`: the number of views, then for each its id and `n id score id score …`, best first.
+//! `pair.txt`: the number of views, then for each reference view its number and a line `n id score id score …` of
+//! its `n` source views, best first.
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -8,13 +9,13 @@ use vamvs_core::Source;
 use crate::text::WordReader;
 use crate::{IoError, atomic};
 
-/// Reads the source views of each view, indices into `ids`, best first.
+/// Reads the source views of each view, as indices into `ids`, in the file's order (best first).
 ///
-/// `ids` are the views' numbers. A view that the file does not list has no source views.
+/// `ids` are the views' numbers in the file. A view that the file does not list has no source views.
 ///
 /// # Errors
-/// If the file cannot be read, names a number that is not in `ids`, lists a view twice or as its own
-/// source, or has fewer or more entries than it announces.
+/// If the file cannot be read, has a number that is not in `ids`, lists a reference view twice, lists a source
+/// view twice or as its own source, or has fewer or more entries than it announces.
 pub fn read_pairs(path: &Path, ids: &[u32]) -> Result<Vec<Vec<Source>>, IoError> {
     let index_of = ids.iter().enumerate().map(|(index, &id)| (id, index)).collect();
     let mut file = PairReader { words: WordReader::open(path)?, index_of };
@@ -38,7 +39,8 @@ pub fn read_pairs(path: &Path, ids: &[u32]) -> Result<Vec<Vec<Source>>, IoError>
 
 /// Writes the source views of each view.
 ///
-/// `ids` are the views' numbers, `sources` holds for each view indices into `ids`, best first.
+/// `ids` are the views' numbers in the file. `sources` has for each view its source views as indices into
+/// `ids`, best first.
 ///
 /// # Errors
 /// If the file cannot be written; then nothing has changed.
@@ -62,7 +64,7 @@ struct PairReader {
 }
 
 impl PairReader {
-    /// The next word as a view's number; returns its index.
+    /// Reads a view's number and returns its index in `ids`.
     fn view(&mut self, what: &str) -> Result<usize, IoError> {
         let id: u32 = self.words.number(what)?;
         self.index_of.get(&id).copied().ok_or_else(|| {
@@ -71,7 +73,7 @@ impl PairReader {
         })
     }
 
-    /// The source views of `reference`.
+    /// Reads the source views of the view with index `reference`.
     fn sources(&mut self, reference: usize) -> Result<Vec<Source>, IoError> {
         let count: usize = self.words.number("number of source views")?;
         let mut sources: Vec<Source> = Vec::new();

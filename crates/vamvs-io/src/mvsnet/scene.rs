@@ -1,4 +1,4 @@
-//! A scene of camera files, images of the same stems, and perhaps pairs.
+//! Reads a scene of camera files, images with the same stems, and an optional `pair.txt`.
 
 use std::collections::{BTreeMap, HashSet};
 use std::fs;
@@ -12,17 +12,17 @@ use crate::masks::Masks;
 use crate::sizes::stored_sizes;
 use crate::{IoError, Loaded, Place, folder};
 
-/// How the names of camera files end.
+/// The end of camera files' names.
 const SUFFIX: &str = "_cam.txt";
 
-/// Reads the scene of all `STEM_cam.txt` in `cams`, each with the image `STEM.*` in `images`.
+/// Reads the scene of all camera files `STEM_cam.txt` in `cams`, each with the image `STEM.*` in `images`.
 ///
-/// A view's number is the last run of digits in its stem (`00000012`, `frame-12`), or its place in
-/// the order of names if those numbers are missing or not unique. Without `pairs`, a `pair.txt`
-/// in `cams` or beside it is read if there is one; else [`Scene::pairs`] is `None`.
+/// A view's number is the last run of digits in its stem (`00000012`, `frame-12`). If these numbers are
+/// missing or not unique, it is the index in the order of names. Without `pairs`, a `pair.txt` in `cams` or in
+/// the folder above is read; if there is none, [`Scene::pairs`] is `None`.
 ///
 /// # Errors
-/// If a file cannot be read, an image is missing or not unique, or there are no cameras at all.
+/// If a file cannot be read or is malformed, an image is missing or not unique, or there are no camera files.
 pub fn read_scene(
     cams: &Path,
     images: &Path,
@@ -76,7 +76,7 @@ fn cam_files(cams: &Path) -> Result<BTreeMap<String, PathBuf>, IoError> {
     Ok(files)
 }
 
-/// The image of each camera: the one of the same stem.
+/// The image of each camera, in the order of the cameras: the one with the same stem.
 fn match_images<'a>(
     folder: &Path,
     cam_files: &BTreeMap<String, PathBuf>,
@@ -98,7 +98,8 @@ fn match_images<'a>(
     Ok(stems().filter_map(|stem| by_stem.get(stem).copied()).collect())
 }
 
-/// The number of each stem: its last run of digits, or the order if those are no unique numbers.
+/// The view number of each stem: its last run of digits. If a stem has none, or they are not unique or do not fit
+/// 32 bits, all numbers are indices in the given order.
 pub fn view_ids<'a>(stems: impl Iterator<Item = &'a String> + Clone) -> Vec<u32> {
     let numbers: Option<Vec<u32>> = stems.clone().map(|stem| last_number(stem)).collect();
     let unique = |ids: &Vec<u32>| ids.iter().collect::<HashSet<_>>().len() == ids.len();
@@ -115,12 +116,13 @@ fn pair_file_near(cams: &Path) -> Option<PathBuf> {
     [cams.join("pair.txt"), beside].into_iter().find(|path| path.is_file())
 }
 
-/// A warning if the principal point is not in the image: the camera is of another image size.
+/// A warning if the principal point is outside the image, which means that the camera file was probably made for
+/// another image size.
 fn off_centre(path: &Path, cam: &Cam, size: Size) -> Option<String> {
     let (cx, cy) = (cam.intrinsics.cx, cam.intrinsics.cy);
     let inside = (0.0..size.width as f64).contains(&cx) && (0.0..size.height as f64).contains(&cy);
     (!inside).then(|| {
         let path = path.display();
-        format!("{path}: the principal point ({cx}, {cy}) is outside of the {size} image; is the camera that of another size?")
+        format!("{path}: the principal point ({cx}, {cy}) is outside of the {size} image; is the camera file for another image size?")
     })
 }

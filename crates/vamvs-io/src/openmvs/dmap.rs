@@ -1,5 +1,6 @@
-//! A depth map: `DR`, what it holds, sizes and range; the image's name, the views, K, R and the centre in
-//! 64 bits; depth, normals and confidence in 32 bits, row by row.
+//! Writes depth maps `.dmap`. Such a file has `DR`, flags of its content, the sizes of image and depth map, and the
+//! depth range; the image's name and the views; K, R and the camera's centre as float64; then depth, normals
+//! and confidence as float32, row by row.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -9,19 +10,19 @@ use vamvs_core::{DepthMap, Grid, depth_map};
 use super::{calibration, f32_bytes, f64_bytes, rotation_and_centre};
 use crate::{IoError, atomic};
 
-/// Depth, normals and confidence are there; the fourth, views of each pixel, is not.
+/// Flags of the content: depth (1), normals (2) and confidence (4), but not the views of each pixel (8).
 const CONTENT: u8 = 1 | 2 | 4;
 
-/// What a depth map's file holds. The image has the depth map's size.
+/// The content of a depth map's file. The image must have the depth map's size.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthMapFile<'a> {
     /// Depth and confidence, with their camera.
     pub map: &'a DepthMap,
     /// Normals in the camera's frame; 0 where there is no depth.
     pub normals: &'a Grid<[f32; 3]>,
-    /// The image's file, relative to the depth map's folder.
+    /// The image file's path relative to the depth map's folder.
     pub image: &'a str,
-    /// The view's number in the scene and those of its neighbours.
+    /// The number of the reference view in the scene, then those of its source views.
     pub views: &'a [u32],
 }
 

@@ -1,7 +1,7 @@
-//! OpenMVS: the scene (`.mvs`) and depth maps (`.dmap`), as its releases 2.x read and write them.
+//! OpenMVS: the scene (`.mvs`, read and written) and depth maps (`.dmap`, written), as in its releases 2.x.
 //!
-//! OpenMVS counts pixel centres from (0, 0), so half a pixel is taken off principal points on writing and
-//! added on reading.
+//! In OpenMVS the first pixel's centre is at (0, 0), so half a pixel is subtracted from principal points on
+//! writing and added on reading.
 
 mod dmap;
 mod scene;
@@ -12,12 +12,12 @@ pub use scene::{ObservedPoint, read_scene, write_scene};
 use nalgebra::{Matrix3, Vector3};
 use vamvs_core::{Intrinsics, Pose};
 
-/// K with pixel centres at whole numbers, row by row.
+/// K for pixel centres at whole numbers, row by row.
 fn calibration(intrinsics: &Intrinsics) -> [f64; 9] {
     rows(&intrinsics.cropped(0.5, 0.5).matrix())
 }
 
-/// R and the camera's centre.
+/// R, row by row, and the camera's centre in the world.
 fn rotation_and_centre(cam_from_world: &Pose) -> ([f64; 9], [f64; 3]) {
     let centre: Vector3<f64> = cam_from_world.centre();
     (rows(&cam_from_world.rotation), centre.into())
@@ -27,12 +27,12 @@ fn rows(matrix: &Matrix3<f64>) -> [f64; 9] {
     std::array::from_fn(|i| matrix[(i / 3, i % 3)])
 }
 
-/// The bytes of numbers, little-endian.
+/// The little-endian bytes of `values`.
 fn f64_bytes(values: &[f64]) -> Vec<u8> {
     values.iter().flat_map(|value| value.to_le_bytes()).collect()
 }
 
-/// The bytes of numbers, little-endian.
+/// The little-endian bytes of `values`.
 fn f32_bytes<'a>(values: impl IntoIterator<Item = &'a f32>) -> Vec<u8> {
     values.into_iter().flat_map(|value| value.to_le_bytes()).collect()
 }

@@ -1,6 +1,6 @@
-//! The scene file `.mvs`: `MVSI`, a version, then lists with their lengths (u64) before them: platforms with
-//! cameras and poses, images, points with the images that see them, normals, colours, and, from version 1 on,
-//! lines and a transform.
+//! The scene file `.mvs`: `MVSI`, a version, then lists, each preceded by its length (u64). They are platforms
+//! with cameras and poses, images, points with the images that see them, normals, colours and, from version 1
+//! on, lines and a transform. What follows the points is written but not read.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -15,23 +15,25 @@ use crate::masks::Masks;
 use crate::sizes::sizes;
 use crate::{IoError, Loaded, Place, atomic};
 
-/// The version that is written: the last without fields that we have nothing for.
+/// The version that is written. Later ones only add fields for which vamvs has no data, such as band and mask
+/// names and view scores.
 const VERSION: u32 = 3;
 
 /// The last version that is read.
 const LAST_VERSION: u32 = 7;
 
-/// Marks a missing index.
+/// The index that stands for "none".
 const NONE: u32 = u32::MAX;
 
-/// A point with the views that see it.
+/// A point with the numbers of the views that see it.
 pub type ObservedPoint = (CloudPoint, Vec<u32>);
 
-/// Reads a scene. Photographs are found in `images`, or relative to the file; they are undistorted ones.
+/// Reads a scene. Photographs are looked up in `images` or, without it, relative to the file; they must be
+/// undistorted. Images without a pose are left out.
 ///
 /// # Errors
-/// If the file cannot be read or is malformed, is an archive of OpenMVS's own (saved with another archive
-/// type than `MVSI`), or photographs are missing.
+/// If the file cannot be read or is malformed, is not an interface file (`MVSI`) but another type of OpenMVS
+/// archive, has no image with a pose, or photographs are missing.
 pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let mut file = ByteReader::open(mvs)?;
     if &file.take::<4>("kind of the file")? != b"MVSI" {
@@ -65,7 +67,8 @@ pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
 }
 
-/// Writes a scene of undistorted views, the names of which are relative to the file, and of points.
+/// Writes a scene of undistorted views and of points. Each view is its photograph's path relative to the file, its
+/// camera and its pose, camera from world.
 ///
 /// # Errors
 /// If the file cannot be written; then nothing has changed.
@@ -81,11 +84,11 @@ pub fn write_scene(
         write_count(out, views.len())?;
         for (view, (name, ..)) in (0u32..).zip(views) {
             write_text(out, name)?;
-            // Platform, camera, pose, and the image's own number.
+            // Indices of platform, camera and pose, and the image's own number.
             out.write_all(&[view, 0, 0, view].map(u32::to_le_bytes).concat())?;
         }
         write_points(out, points)?;
-        // No lines, normals and colours of lines; the transform is the identity.
+        // Three empty lists, of lines, their normals and their colours; then the transform, the identity.
         (0..3).try_for_each(|_| write_count(out, 0))?;
         let identity: [f64; 16] = std::array::from_fn(|i| f64::from(u8::from(i % 5 == 0)));
         out.write_all(&f64_bytes(&identity))
@@ -143,7 +146,7 @@ struct Platform {
 }
 
 struct MvsCamera {
-    /// `None`: K is in units of the image's longer side.
+    /// The image's size; if `None`, K is in units of the image's longer side.
     size: Option<Size>,
     k: Matrix3<f64>,
     cam_from_platform: Pose,
@@ -179,7 +182,7 @@ impl MvsImage {
     }
 }
 
-/// For each image of the file its place among those with a pose.
+/// For each image of the file, its index among the images with a pose.
 fn places(images: &[MvsImage]) -> Vec<Option<usize>> {
     let mut next = 0;
     let place = |image: &MvsImage| {
@@ -197,7 +200,7 @@ struct SceneReader {
 }
 
 impl SceneReader {
-    /// A list of entries of at least so many bytes each.
+    /// Reads a list of entries of at least `entry_bytes` bytes each.
     fn list<T>(
         &mut self,
         entry_bytes: u64,
@@ -236,7 +239,7 @@ impl SceneReader {
         Ok(MvsCamera { size, k, cam_from_platform: self.pose()? })
     }
 
-    /// A rotation and a centre.
+    /// Reads a rotation and a centre.
     fn pose(&mut self) -> Result<Pose, IoError> {
         let position = self.file.position();
         let rotation = Matrix3::from_row_slice(&self.file.f64s::<9>("rotation")?);

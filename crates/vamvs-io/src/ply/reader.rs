@@ -1,4 +1,4 @@
-//! Reading of clouds: ascii and binary, the vertices' properties in any order.
+//! Reads clouds, ASCII or binary, with the vertices' properties in any order.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek};
@@ -11,25 +11,28 @@ use vamvs_core::{Cloud, CloudPoint};
 use super::vertex::{self, Position, Vertex};
 use crate::{IoError, Place};
 
-/// Vertices that are read at once where only some are wanted.
+/// Number of vertices that [`read_some`] holds in memory at a time.
 const PART: usize = 1 << 16;
 
 /// Reads the vertices of a PLY file.
 ///
-/// Needed are `x y z`; `nx ny nz` are 0 if missing, `red green blue` 255 (those of a floating-point
-/// type are taken as 0 to 1), `confidence` 1 and `views` 0. Other properties and elements are left out,
-/// and so are vertices whose position is not finite, as organised scans have them.
+/// The properties `x y z` are required. If missing, `nx ny nz` are 0, `red green blue` 255, `confidence` 1
+/// and `views` 0. Floating-point colours are read as 0 to 1. Other properties and elements are ignored.
+/// Vertices whose position is not finite (organised scans have them) are left out.
 ///
 /// # Errors
-/// If the file cannot be read, is no PLY file, has no vertices with positions, or is shorter than its
+/// If the file cannot be read, is not a PLY file, has no vertices with positions, or is shorter than its
 /// header announces.
 pub fn read(path: &Path) -> Result<Cloud, IoError> {
     let vertices: Vec<Vertex> = read_vertices(path)?;
     Ok(vertices.into_iter().map(|vertex| vertex.0).filter(is_finite).collect())
 }
 
-/// Reads some vertices of a PLY file, in little memory however many there are: those at the places, ascending, that
-/// `choose` gives for their number, which is given back too.
+/// Reads some vertices of a PLY file, and returns the number of all vertices and the chosen ones. Memory does not
+/// grow with the number of vertices in the file.
+///
+/// `choose` gets the number of vertices in the file and returns the indices of those to read, in ascending order.
+/// Chosen vertices whose position is not finite are left out.
 ///
 /// # Errors
 /// As [`read`].
@@ -48,7 +51,7 @@ pub fn read_some(path: &Path, choose: impl FnOnce(usize) -> Vec<usize>) -> Resul
     Ok((count, taken.into_iter().filter(is_finite).collect()))
 }
 
-/// Reads the positions of a PLY file's vertices alone, in half the memory that whole points take.
+/// Reads only the positions of a PLY file's vertices. This takes half the memory of whole points.
 ///
 /// # Errors
 /// As [`read`].
@@ -69,7 +72,8 @@ fn read_vertices<T: PropertyAccess>(path: &Path) -> Result<Vec<T>, IoError> {
     Ok(all)
 }
 
-/// A reader that stands behind the header, which announces vertices with positions, no more than there can be.
+/// Opens a PLY file and reads its header. Fails unless there are vertices with positions and the file is long enough
+/// for the elements that the header announces.
 fn open_vertices(path: &Path) -> Result<(Reader<BufReader<File>>, Header), IoError> {
     let (mut reader, length) = open(path)?;
     let header = Parser::<Skipped>::new().read_header(&mut reader).map_err(malformed(path))?;
@@ -80,7 +84,7 @@ fn open_vertices(path: &Path) -> Result<(Reader<BufReader<File>>, Header), IoErr
     Ok((reader, header))
 }
 
-/// A reader of a file that begins as a PLY file, and the file's length.
+/// Opens a file, which must begin with `ply`, and returns its length in bytes too.
 fn open(path: &Path) -> Result<(Reader<BufReader<File>>, u64), IoError> {
     let file = File::open(path).map_err(IoError::system("open", path))?;
     let length = file.metadata().map_err(IoError::system("inspect", path))?.len();
@@ -91,7 +95,7 @@ fn open(path: &Path) -> Result<(Reader<BufReader<File>>, u64), IoError> {
     Ok((Reader::new(buffered), length))
 }
 
-/// Checks that the elements fit into the `remaining` bytes, each with at least one byte.
+/// Checks that the announced elements fit into the `remaining` bytes. Each takes at least one byte.
 fn check_lengths(header: &Header, remaining: u64) -> Result<(), String> {
     let mut left = remaining;
     for element in header.elements.values() {
@@ -100,14 +104,14 @@ fn check_lengths(header: &Header, remaining: u64) -> Result<(), String> {
         left = needed.and_then(|needed| left.checked_sub(needed)).ok_or_else(|| {
             let (name, count) = (&element.name, element.count);
             format!(
-                "{count} elements {name:?} of at least {least} bytes are announced, {left} bytes are left"
+                "{count} elements {name:?} of at least {least} bytes are announced, but {left} bytes are left"
             )
         })?;
     }
     Ok(())
 }
 
-/// The fewest bytes that an element takes.
+/// The fewest bytes that one element of this type takes.
 fn least_bytes(element: &ElementDef, encoding: Encoding) -> u64 {
     let bytes = |property: &PropertyType| match (encoding, property) {
         (Encoding::Ascii, _) => 1,
@@ -133,7 +137,7 @@ fn check_positions(header: &Header) -> Result<(), String> {
     }
 }
 
-/// Visits the vertices in parts of at most so many.
+/// Reads the vertices and passes them to `visit` in parts of at most `part` vertices.
 fn read_payload<T: PropertyAccess>(
     reader: &mut Reader<BufReader<File>>,
     header: &Header,
@@ -163,7 +167,7 @@ fn malformed(path: &Path) -> impl FnOnce(ParseError) -> IoError {
     }
 }
 
-/// An element of which nothing is kept.
+/// An element that is skipped: all its properties are ignored.
 struct Skipped;
 
 impl PropertyAccess for Skipped {

@@ -1,4 +1,4 @@
-//! A cloud's point as an element of a PLY file: its properties by name.
+//! Maps a cloud's point to the properties of a PLY element, by name.
 
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 use vamvs_core::CloudPoint;
@@ -6,7 +6,7 @@ use vamvs_core::CloudPoint;
 /// The name of the element that holds the points.
 pub(super) const NAME: &str = "vertex";
 
-/// A point.
+/// A whole point, as an element.
 pub(super) struct Vertex(pub(super) CloudPoint);
 
 impl PropertyAccess for Vertex {
@@ -70,7 +70,7 @@ impl PropertyAccess for Vertex {
     }
 }
 
-/// A point's position alone.
+/// An element of which only the position is read.
 pub(super) struct Position(pub(super) [f64; 3]);
 
 impl PropertyAccess for Position {
@@ -88,14 +88,14 @@ impl PropertyAccess for Position {
     }
 }
 
-/// A point with the views that see it, by their numbers, as OpenMVS has them; each weighs 1.
+/// A point with the numbers of the views that see it and a weight for each, as in OpenMVS's clouds.
 pub(super) struct SeenVertex<'a> {
     pub(super) vertex: Vertex,
     pub(super) views: &'a [u32],
     pub(super) weights: &'a [f32],
 }
 
-/// The properties that [`SeenVertex`] adds, lists of a `uchar` length.
+/// The properties that [`SeenVertex`] adds to [`Vertex`]: lists whose length is a `uchar`.
 pub(super) const VIEW_INDICES: &str = "view_indices";
 pub(super) const VIEW_WEIGHTS: &str = "view_weights";
 
@@ -139,7 +139,8 @@ fn scalar(property: &Property) -> Option<f64> {
     }
 }
 
-/// A colour's channel: integers as they stand, floating-point numbers as 0 to 1.
+/// A colour channel as 0 to 255. Integers are taken as 0 to 255, floating-point numbers as 0 to 1; values beyond
+/// are clamped.
 fn colour(property: &Property, value: f64) -> u8 {
     let unit = matches!(property, Property::Float(_) | Property::Double(_));
     if unit { (value * 255.0).round() as u8 } else { value as u8 }

@@ -1,4 +1,4 @@
-//! A streaming writer: points as they come, their number known only at the end.
+//! A streaming writer of clouds: the number of points need not be known before the end.
 
 use std::io::{self, Seek, SeekFrom};
 use std::path::Path;
@@ -11,14 +11,14 @@ use super::vertex::{self, SeenVertex, VIEW_INDICES, VIEW_WEIGHTS, Vertex};
 use crate::IoError;
 use crate::atomic::AtomicFile;
 
-/// Ratio of the largest coordinate to the cloud's extent above which floats do not suffice: a float
-/// has 2²⁴ steps, so that at this ratio the extent has some 170 000 of them.
+/// Ratio of the largest absolute coordinate to the cloud's extent above which floats are too coarse. A float
+/// has 24 significant bits, so at this ratio the extent is still resolved into about 170 000 steps.
 const FAR_FROM_ORIGIN: f64 = 1e2;
 
-/// The weights of a point's views: all alike, and as many as a `uchar` counts.
+/// The weights of a point's views: all 1, and as many as the `uchar` length of a list allows.
 const WEIGHTS: [f32; 255] = [1.0; 255];
 
-/// Digits of the largest number of points, for which the header leaves room.
+/// Number of digits that the header reserves for the number of points.
 const COUNT_DIGITS: usize = 20;
 
 /// The type of the coordinates.
@@ -55,7 +55,7 @@ impl Coordinates {
     }
 }
 
-/// Writes a cloud with the coordinates that fit it.
+/// Writes a cloud, with coordinates of the type that [`Coordinates::for_points`] chooses.
 ///
 /// # Errors
 /// If the file cannot be written; then nothing has changed.
@@ -65,7 +65,7 @@ pub fn write(path: &Path, cloud: &[CloudPoint]) -> Result<(), IoError> {
     writer.finish()
 }
 
-/// Writes a cloud point by point; the file comes into being with [`PlyWriter::finish`].
+/// Writes a cloud point by point; the file appears only with [`PlyWriter::finish`].
 #[derive(Debug)]
 pub struct PlyWriter {
     file: AtomicFile,
@@ -81,8 +81,8 @@ impl PlyWriter {
         Self::begin(path, element(coordinates))
     }
 
-    /// Begins a file the points of which come with the views that see them, by [`PlyWriter::push_seen`]:
-    /// as `view_indices` and `view_weights`, where OpenMVS looks for them.
+    /// Begins a file that also holds, for each point, the views that see it, as the lists `view_indices` and
+    /// `view_weights` of OpenMVS. Its points are added with [`PlyWriter::push_seen`].
     ///
     /// # Errors
     /// If the folder cannot be written.
@@ -102,7 +102,7 @@ impl PlyWriter {
         Ok(writer)
     }
 
-    /// Adds a point.
+    /// Adds a point, to a file begun with [`PlyWriter::create`].
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -113,7 +113,8 @@ impl PlyWriter {
         self.check(written.map(drop))
     }
 
-    /// Adds a point that the views of these numbers see, the first 255 of them, to a file with views.
+    /// Adds a point and the numbers of the views that see it, to a file begun with
+    /// [`PlyWriter::create_with_views`]. Only the first 255 views are written.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -126,7 +127,7 @@ impl PlyWriter {
         self.check(written.map(drop))
     }
 
-    /// Number of points so far.
+    /// Number of points added so far.
     #[must_use]
     pub fn count(&self) -> usize {
         self.element.count
@@ -151,7 +152,8 @@ impl PlyWriter {
     }
 }
 
-/// A header whose length does not depend on the number of points: a comment makes up for it.
+/// The header. A comment of dots pads it to a length that does not depend on the number of points, so that it can
+/// be overwritten at the end.
 fn header(element: &ElementDef) -> Header {
     let mut header = Header::new();
     header.encoding = Encoding::BinaryLittleEndian;

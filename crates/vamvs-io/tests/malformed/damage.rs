@@ -1,4 +1,4 @@
-//! What happens to a file.
+//! Random damage to a file's bytes.
 
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
@@ -6,23 +6,23 @@ use proptest::sample::{Index, select};
 /// One change of a file's bytes.
 #[derive(Clone, Debug)]
 pub enum Damage {
-    /// A byte is another one.
+    /// A byte is replaced by this one.
     Byte(Index, u8),
-    /// Four or eight bytes are a number, little-endian.
+    /// Eight bytes (if `true`) or four are replaced by a number, little-endian.
     Number(Index, u64, bool),
-    /// A run of digits is something else.
+    /// A run of digits is replaced by a word.
     Digits(Index, &'static str),
-    /// Something comes in.
+    /// A word is inserted.
     Inserted(Index, &'static str),
-    /// Some bytes are gone.
+    /// So many bytes are removed.
     Cut(Index, usize),
-    /// Some bytes come twice.
+    /// So many bytes are duplicated.
     Repeated(Index, usize),
-    /// The file ends early.
+    /// The file is truncated.
     Truncated(Index),
 }
 
-/// Numbers at which arithmetic goes wrong.
+/// Numbers that overflow or otherwise break arithmetic.
 const NUMBERS: [u64; 12] = [
     0,
     1,
@@ -35,11 +35,11 @@ const NUMBERS: [u64; 12] = [
     1 << 40,
     i64::MAX as u64,
     u64::MAX,
-    // NaN, for 64 bits.
+    // NaN as float64.
     0x7ff8_0000_0000_0000,
 ];
 
-/// Words at which parsers go wrong.
+/// Words that break parsers.
 const WORDS: [&str; 22] = [
     "-1",
     "0",
@@ -65,7 +65,7 @@ const WORDS: [&str; 22] = [
     "-",
 ];
 
-/// Which file, and what happens to it.
+/// Which file is damaged, and one to four damages to it.
 pub fn some_damage() -> impl Strategy<Value = (Index, Vec<Damage>)> {
     let index = any::<Index>;
     let damage = prop_oneof![
@@ -82,7 +82,7 @@ pub fn some_damage() -> impl Strategy<Value = (Index, Vec<Damage>)> {
 }
 
 impl Damage {
-    /// The file with the damage; an empty file stays one.
+    /// The file's bytes with this damage. An empty file stays empty.
     pub fn apply(&self, mut bytes: Vec<u8>) -> Vec<u8> {
         let length = bytes.len();
         if length == 0 {

@@ -1,4 +1,4 @@
-//! Small, whole files for every reader.
+//! Small, undamaged files for every reader.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -18,14 +18,14 @@ use vamvs_io::{
 
 use crate::mat_file;
 
-/// The size of all pictures and maps.
+/// The size of all images and maps.
 pub const SIZE: Size = Size::new(8, 6);
 
-/// The files of a folder.
+/// The files that were written into a folder.
 pub struct Fixture {
-    /// Those that are damaged, one at a time.
+    /// The names of the files to damage, one at a time.
     pub damaged: Vec<&'static str>,
-    /// Bytes of all files.
+    /// Size of all files in bytes.
     pub bytes: usize,
 }
 
@@ -180,7 +180,7 @@ pub fn ply_ascii(folder: &Path) -> Fixture {
     Fixture::new(folder, &["cloud.ply"])
 }
 
-/// A picture with colours and half-transparent pixels, as far as the format has them.
+/// A colour image in which some pixels are transparent, if the format has alpha.
 fn picture(folder: &Path, name: &'static str, format: ImageFormat) -> Fixture {
     let pixel = |x: u32, y: u32| image::Rgba([20 * x as u8, 30 * y as u8, 7, if x < 3 { 0 } else { 255 }]);
     let rgba = DynamicImage::ImageRgba8(RgbaImage::from_fn(8, 6, pixel));

@@ -1,9 +1,9 @@
-//! Every reader on damaged files: an answer or an error, no panic, and no more memory than the file's size
-//! warrants.
+//! Tests every reader on damaged files. It must return a result or an error, must not panic, and must not take
+//! more memory than the file's size justifies.
 //!
-//! The default suite tries each reader a few hundred times. For a campaign of ten minutes a reader, or of
-//! so many as the variable `VAMVS_MANGLE_MINUTES` says:
-//! `cargo test --release -p vamvs-io --test malformed -- --ignored`, with the name of a reader at will.
+//! The default suite tries each reader on [`CASES`] damaged files. A campaign tries each for ten minutes, or for as
+//! many as the variable `VAMVS_MANGLE_MINUTES` says:
+//! `cargo test --release -p vamvs-io --test malformed -- --ignored`, optionally with the name of a reader.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -28,15 +28,16 @@ use vamvs_io::{
 use fixture::Fixture;
 use readers::{BASE, COMPRESSED, PICTURE};
 
-/// Damaged files a reader is tried with in the default suite.
+/// Number of damaged files for each reader in the default suite.
 const CASES: u32 = 200;
 
-/// Bytes that a reader may take for each byte of its files. A list in JSON takes two bytes there, and a
-/// hundred in memory.
+/// Bytes of memory that a reader may take for each byte of its files. JSON needs a large factor: an empty list
+/// takes two bytes in the file and about a hundred in memory.
 const FACTOR: usize = 256;
 
-/// A reader: what it reads of a folder, whether that succeeded, and the most memory that it may take
-/// however small the files are.
+/// A reader: its name, the function that writes its files into a folder, the function that reads them and
+/// returns whether that succeeded, and the bytes of memory that it may take besides [`FACTOR`] times the files'
+/// size.
 struct Reader {
     name: &'static str,
     fixture: fn(&Path) -> Fixture,
@@ -45,7 +46,7 @@ struct Reader {
 }
 
 impl Reader {
-    /// Tries `cases` damaged files.
+    /// Tries the reader on `cases` damaged files.
     fn damage(&self, cases: u32) {
         let folder = tempfile::tempdir().unwrap();
         let files = (self.fixture)(folder.path());
@@ -69,7 +70,7 @@ impl Reader {
         outcome.unwrap_or_else(|error| panic!("{}: {error}", self.name));
     }
 
-    /// Goes on for the minutes of a campaign.
+    /// Tries damaged files for the duration of a campaign.
     fn campaign(&self) {
         let minutes = std::env::var("VAMVS_MANGLE_MINUTES").map_or(10.0, |text| text.parse().unwrap());
         let end = Instant::now() + Duration::from_secs_f64(60.0 * minutes);
@@ -86,7 +87,7 @@ fn write(path: &Path, bytes: &[u8]) {
     atomic::write(path, |out| out.write_all(bytes)).unwrap();
 }
 
-/// A test of each reader, and a campaign of the same name.
+/// Defines a test for each reader and, in the module `campaign`, a campaign of the same name.
 macro_rules! readers {
     ($($name:ident: $fixture:expr, $base:expr, $read:expr;)*) => {
         $(
@@ -113,7 +114,8 @@ macro_rules! readers {
 
 with_readers!(readers);
 
-/// In every layout a photograph without a header is one bad view, which is reported when it is decoded.
+/// In every layout, a photograph without a readable header does not prevent the scene from being read. The error is
+/// reported when the photograph is decoded.
 #[test]
 fn a_photograph_without_header_does_not_end_a_scene() {
     type Write = fn(&Path) -> Fixture;

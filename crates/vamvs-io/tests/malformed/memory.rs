@@ -1,4 +1,4 @@
-//! How much memory a piece of work takes at most, on its own thread.
+//! Measures the peak heap memory of a piece of work on the current thread.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -8,25 +8,25 @@ thread_local! {
     static PEAK: Cell<isize> = const { Cell::new(0) };
 }
 
-/// The system's allocator, counting.
+/// The system's allocator with counters of the bytes held, for each thread.
 struct Counting;
 
 #[global_allocator]
 static COUNTING: Counting = Counting;
 
 fn count(bytes: isize) {
-    // A thread that ends has no counters any more.
+    // While a thread ends, its counters may already have been destroyed.
     let _ = HELD.try_with(|held| {
         held.set(held.get() + bytes);
         PEAK.with(|peak| peak.set(peak.get().max(held.get())));
     });
 }
 
-// SAFETY: every call is handed on to the system's allocator as it stands.
+// SAFETY: every call is passed unchanged to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count(layout.size() as isize);
-        // SAFETY: the caller's promises are those that the system's allocator asks for.
+        // SAFETY: the caller guarantees what the system's allocator requires.
         unsafe { System.alloc(layout) }
     }
 
@@ -49,7 +49,7 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
-/// The most bytes that `work` holds at a time, beyond those held before.
+/// The peak of the bytes that `work` holds on this thread, beyond those held before.
 pub fn peak_of<T>(work: impl FnOnce() -> T) -> usize {
     let before = HELD.with(Cell::get);
     PEAK.with(|peak| peak.set(before));

@@ -1,20 +1,22 @@
-//! All readers: what each reads of a folder, the whole files that it begins with, and the most memory that it may
-//! take however small the files are. Shared with the coverage-guided fuzzing in `fuzz/`.
+//! The table of all readers: for each, the function that writes its undamaged files, the memory that it may take
+//! besides a multiple of the files' size, and the function that reads them. Shared with the coverage-guided fuzzing
+//! in `fuzz/`.
 
 use std::path::Path;
 
 use vamvs_io::image;
 
-/// Bytes that a reader may take in any case: buffers, lists of files.
+/// Bytes of memory that any reader may take, for buffers and lists of files.
 pub const BASE: usize = 4 << 20;
 
-/// Bytes that a picture may take: what it announces, up to `image`'s limit, twice while it is converted.
+/// Bytes of memory that an image may take. It may announce up to 1 GiB of pixels, and several copies exist while it
+/// is converted.
 pub const PICTURE: usize = 4 << 30;
 
-/// Bytes that a compressed file may take: what it says that it unpacks to.
+/// Bytes of memory that a compressed file may take, for its uncompressed content.
 pub const COMPRESSED: usize = 1 << 30;
 
-/// Gives the list of readers, `NAME: FIXTURE, BYTES, READ;`, to a macro.
+/// Calls a macro with the list of readers, each as `NAME: FIXTURE, BYTES, READ;`.
 macro_rules! with_readers {
     ($callback:ident) => {
         $callback! {
@@ -53,7 +55,7 @@ macro_rules! with_readers {
     };
 }
 
-/// Whether a picture can be decoded and has the size that its header tells.
+/// Whether an image can be decoded and has the size in its header.
 pub fn read_picture(path: &Path) -> bool {
     let size = image::stored_size(path);
     image::load(path).is_ok_and(|image| size.is_ok_and(|size| size == image.rgb.size()))

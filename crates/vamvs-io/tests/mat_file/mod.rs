@@ -1,4 +1,4 @@
-//! MAT-files as MATLAB writes them, for tests.
+//! Writes MAT-files as MATLAB does, for tests.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -6,7 +6,7 @@ use std::io::Write;
 
 use flate2::{Compression, write::ZlibEncoder};
 
-/// A data element of a MAT-file, padded to eight bytes.
+/// A data element of a MAT-file, padded to a multiple of eight bytes.
 pub fn element(kind: u32, content: &[u8]) -> Vec<u8> {
     let mut bytes = [kind.to_le_bytes(), (content.len() as u32).to_le_bytes()].concat();
     bytes.extend(content);
@@ -48,7 +48,7 @@ pub fn mat_file(variables: &[Vec<u8>]) -> Vec<u8> {
     bytes
 }
 
-/// A mask of 2×3×2 voxels in which (1, 0, 0) and (0, 2, 1) are.
+/// The variables of an observability mask of 2×3×2 voxels, with the voxels (1, 0, 0) and (0, 2, 1) set.
 pub fn mask_variables() -> Vec<Vec<u8>> {
     let mut voxels = [0_u8; 12];
     (voxels[1], voxels[4 + 6]) = (1, 1);

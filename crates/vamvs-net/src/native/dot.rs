@@ -2,7 +2,8 @@
 
 use super::Level;
 
-/// The four pixels around a place, as offsets into the values, and their weights; outside of the image is nothing.
+/// The four pixels around a position, as offsets into the values, and their bilinear weights. Pixels outside the image
+/// have weight 0.
 #[derive(Clone, Copy)]
 pub(super) struct Corners {
     offsets: [usize; 4],
@@ -10,14 +11,14 @@ pub(super) struct Corners {
 }
 
 impl Corners {
-    /// Around a place in shares of the image's size; `None` where no corner is inside.
+    /// The corners around a position given as a fraction of the image's size; `None` if none of them is inside.
     #[inline(always)]
     pub fn around(level: &Level<'_>, [x, y]: [f32; 2]) -> Option<Self> {
         let (x, y) = (x * level.width as f32 - 0.5, y * level.height as f32 - 0.5);
         if !(x > -1.0 && y > -1.0 && x < level.width as f32 && y < level.height as f32) {
             return None;
         }
-        // Truncation is the floor of what is not negative.
+        // x + 1 and y + 1 are not negative, so truncation is their floor.
         let (x0, y0) = ((x + 1.0) as i32 - 1, (y + 1.0) as i32 - 1);
         let (right, below) = (x - x0 as f32, y - y0 as f32);
         let axis = |first: i32, share: f32, count: usize| {
@@ -35,8 +36,8 @@ impl Corners {
         })
     }
 
-    /// Adds `weight` times the correlation with the reference's channels, group by group: channel c is of group
-    /// c mod `G`.
+    /// Adds `weight` times the correlation with the channels of a reference pixel to `sums`, one sum for each group.
+    /// Channel c belongs to group c mod `G`.
     #[inline(always)]
     pub fn add_correlation<const G: usize>(
         &self,
@@ -59,8 +60,8 @@ impl Corners {
     }
 }
 
-/// Compiles a function for processors with AVX2 and FMA, or with AVX-512, too, and calls the best that there is. The
-/// results of all are the same bits: nothing is contracted.
+/// Also compiles a function for processors with AVX2 and with AVX-512, and calls the best variant that the processor
+/// supports. All variants give the same bits, because products and sums are not fused.
 macro_rules! best_of {
     ($body:ident => $name:ident<const $g:ident>($($argument:ident: $kind:ty),* $(,)?)) => {
         pub(super) fn $name<const $g: usize>($($argument: $kind),*) {
@@ -75,11 +76,11 @@ macro_rules! best_of {
                     $body::<$g>($($argument),*);
                 }
                 if std::is_x86_feature_detected!("avx512vl") {
-                    // SAFETY: the processor has it.
+                    // SAFETY: the processor has AVX-512VL, which includes AVX-512F.
                     return unsafe { avx512::<$g>($($argument),*) };
                 }
                 if std::is_x86_feature_detected!("avx2") {
-                    // SAFETY: the processor has it.
+                    // SAFETY: the processor has AVX2.
                     return unsafe { avx2::<$g>($($argument),*) };
                 }
             }

@@ -1,4 +1,5 @@
-//! PointFlow's features of vis-corr: for each hypothesised point the weighted mean of its correlations at all levels.
+//! PointFlow's features of vis-corr: for each hypothesised point, its correlations at all levels, averaged over the
+//! source views with their visibility as weights.
 
 use rayon::prelude::*;
 
@@ -8,29 +9,29 @@ use super::transfer::Transfer;
 use crate::aggregate::UNSEEN;
 use crate::project::PixelGrid;
 
-/// Levels of features.
+/// Levels of the flow features.
 const LEVELS: usize = 3;
 
 /// A source view of the flow.
 pub(crate) struct Source<'a> {
     pub levels: [Level<'a>; LEVELS],
     pub transfer: Transfer,
-    /// What the view sees of each pixel.
+    /// The visibility of each reference pixel in this view, (h·w).
     pub mask: &'a [f32],
 }
 
-/// Points whose features are sought.
+/// The points whose features are computed: J hypotheses for each pixel of a grid.
 pub(crate) struct Points<'a> {
     pub pixel_grid: &'a PixelGrid,
-    /// (J, h·w), in units of the nearest depth searched.
+    /// Depths, (J, h·w), in units of the nearest depth searched.
     pub depths: &'a [f32],
-    /// The reference's own features of all levels at the pixels, (h·w, C₁ + C₂ + C₃).
+    /// The reference view's own features of all levels at the pixels, (h·w, C₁ + C₂ + C₃).
     pub reference: &'a [f32],
-    /// Channels that are correlated together.
+    /// Number of channels in a group.
     pub group: usize,
 }
 
-/// Writes the correlations of all points into the first columns of `rows`, (h·w·J, `width`), points in the order
+/// Writes the correlations of all points into the first columns of `rows`, (h·w·J, `width`). Points are in the order
 /// (pixel, hypothesis).
 pub(crate) fn correlations(points: &Points<'_>, sources: &[Source<'_>], rows: &mut [f32], width: usize) {
     let columns = points.pixel_grid.x.len();
@@ -85,7 +86,7 @@ best_of!(correlate => correlate_row<const ONE>(
     width: usize,
 ));
 
-/// Adds the correlations of one point at all levels.
+/// Adds the correlations of one point at all levels to `row`, multiplied by `weight`.
 #[inline(always)]
 fn add_levels(
     levels: &[Level<'_>; LEVELS],

@@ -1,5 +1,6 @@
-//! The plane sweep of vis-corr: correlations of all planes, pooled for the visibility of a view, then weighted and
-//! summed over the views. They are computed twice rather than kept: a volume takes longer to write than to compute.
+//! The plane sweep of vis-corr. The correlations of all planes are first pooled, to predict the visibility of a view,
+//! and then averaged over the views with these weights. They are computed twice rather than kept, because writing a
+//! volume takes longer than computing it.
 
 use rayon::prelude::*;
 use tch::Tensor;
@@ -11,22 +12,25 @@ use crate::NetError;
 use crate::aggregate::UNSEEN;
 use crate::project::PixelGrid;
 
-/// A source view of a sweep.
+/// A source view of a sweep: its coarse features and the transfer of reference pixels into it.
 pub(crate) struct Source<'a> {
     pub level: Level<'a>,
     pub transfer: Transfer,
 }
 
-/// What a sweep is about.
+/// The inputs that all source views of a sweep share.
 pub(crate) struct Swept<'a> {
+    /// The coarse features of the reference view.
     pub reference: Level<'a>,
+    /// The pixels of these features.
     pub pixel_grid: &'a PixelGrid,
     /// Depths of the planes, in units of the nearest depth searched.
     pub depths: &'a [f32],
+    /// G, the number of groups of channels.
     pub groups: usize,
 }
 
-/// The largest and the mean correlation over all planes, (1, 2 G, h, w), as [`crate::correlate::pooled`].
+/// The maximum and the mean over all planes of the correlation, (1, 2 G, h, w); see [`crate::correlate::pooled`].
 pub(crate) fn pooled(swept: &Swept<'_>, source: &Source<'_>) -> Result<Tensor, NetError> {
     let Level { width, height, .. } = swept.reference;
     let row = width * 2 * swept.groups;
@@ -64,7 +68,7 @@ fn pool<const G: usize>(swept: &Swept<'_>, source: &Source<'_>, y: usize, row: &
 }
 best_of!(pool => pool_row<const G>(swept: &Swept<'_>, source: &Source<'_>, y: usize, row: &mut [f32]));
 
-/// The mean over the sources of their correlations, each weighted by its mask (h, w): (1, G, D, h, w).
+/// The mean over the source views of their correlations, each weighted by its mask (h, w): (1, G, D, h, w).
 pub(crate) fn volume(
     swept: &Swept<'_>,
     sources: &[Source<'_>],

@@ -7,13 +7,14 @@ use vamvs_core::{DepthMap, Grid, Intrinsics, Photo, Pinhole, Pose, Size};
 /// The size of the photographs.
 pub const SIZE: Size = Size::new(192, 144);
 
-/// Rays a pixel, along each side.
+/// Rays per pixel along each axis.
 const SAMPLES: usize = 3;
 
-/// How a ray `origin + t · direction` meets a surface: t and the unit normal towards the ray's origin.
+/// Intersects a ray `origin + t · direction` with a surface: t and the unit normal towards the ray's
+/// origin.
 pub type Surface = fn(&Vector3<f64>, &Vector3<f64>) -> Option<(f64, Vector3<f64>)>;
 
-/// The world, all of it moved, turned and scaled.
+/// A similarity transform of the whole world.
 #[derive(Clone, Copy)]
 pub struct Placement {
     pub scale: f64,
@@ -21,7 +22,7 @@ pub struct Placement {
     pub place: Vector3<f64>,
 }
 
-/// The world as it is.
+/// The world as it is: the identity.
 pub const HERE: Placement =
     Placement { scale: 1.0, turn: Vector3::new(0.0, 0.0, 0.0), place: Vector3::new(0.0, 0.0, 0.0) };
 
@@ -37,7 +38,8 @@ pub fn render(surface: Surface, placement: Placement) -> Set {
     enlarged(surface, placement, 1)
 }
 
-/// Photographs with `factor` times as many pixels along each side, and as much finer texture.
+/// As [`render`], with `factor` times as many pixels along each axis, and a texture finer by that
+/// factor.
 pub fn enlarged(surface: Surface, placement: Placement, factor: usize) -> Set {
     let size = Size::new(factor * SIZE.width, factor * SIZE.height);
     let scale = factor as f64;
@@ -90,13 +92,13 @@ fn photo((surface, detail): (Surface, f64), camera: Pinhole, pose: &Pose, placem
     Photo { camera, cam_from_world: placed(pose, placement), image, mask: None }
 }
 
-/// The pose after the world was turned, scaled and moved.
+/// The pose after the world has been rotated, scaled and moved.
 fn placed(pose: &Pose, placement: Placement) -> Pose {
     let rotation = pose.rotation * Rotation3::new(placement.turn).matrix().transpose();
     Pose { rotation, translation: placement.scale * pose.translation - rotation * placement.place }
 }
 
-/// A solid texture without a preferred direction: waves of 4 to 21 pixels at depth 4.
+/// A solid texture without a preferred direction: waves of about 5 to 21 pixels at depth 4.
 fn texture(point: &Vector3<f64>) -> f64 {
     let mut sum = 0.0;
     for wave in 0..9_u32 {
@@ -115,7 +117,7 @@ pub fn plane(origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, Ve
     (t > 0.0).then_some((t, normal))
 }
 
-/// A sphere before a wall.
+/// A sphere in front of a wall.
 pub fn sphere(origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
     let (centre, radius) = (Vector3::new(0.1, 0.0, 4.0), 1.0);
     let from_centre = origin - centre;
@@ -129,7 +131,7 @@ pub fn sphere(origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, V
     Some((t, -Vector3::z()))
 }
 
-/// A near and a far wall, side by side.
+/// A near and a far wall with a depth step between them.
 pub fn step(origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
     let at = |z: f64| (z - origin.z) / direction.z;
     let near = at(3.5);
@@ -137,7 +139,8 @@ pub fn step(origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, Vec
     Some((t, -Vector3::z()))
 }
 
-/// The true depth at an eighth of the size, with half a per cent of noise, some holes and some outliers.
+/// A seed: the true depth at an eighth of the size, with noise of up to 0.5 %, some holes, and some
+/// outliers with an error of 4 %.
 pub fn seed(set: &Set) -> DepthMap {
     let size = Size::new(set.depth.width() / 8, set.depth.height() / 8);
     let mut state = 1_u32;
@@ -169,13 +172,13 @@ pub fn sources(set: &Set) -> Vec<&Photo> {
     set.photos[1..].iter().collect()
 }
 
-/// The middle of the values.
+/// The median; of an even number of values, the upper of the middle two.
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values[values.len() / 2]
 }
 
-/// Pixels of disparity, for a baseline of 0.42, between two depths.
+/// The difference of two depths in pixels of disparity, for a baseline of 0.42.
 pub fn disparity(a: f32, b: f32) -> f64 {
     240.0 * 0.42 * (1.0 / f64::from(a) - 1.0 / f64::from(b)).abs()
 }

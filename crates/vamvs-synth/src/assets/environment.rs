@@ -1,4 +1,4 @@
-//! Environments from files, and their strength.
+//! Reads environment maps from files, and normalises their brightness.
 
 use std::f32::consts::PI;
 use std::path::Path;
@@ -13,10 +13,11 @@ use super::AssetError;
 use crate::Environment;
 use crate::colour::luminance;
 
-/// Larger environments are reduced to this width, pixels: lighting needs no more.
+/// Larger environment maps are reduced to this width, pixels: lighting needs no more.
 const MOST_WIDTH: u32 = 2048;
 
-/// Reads an equirectangular map of linear radiance. What is negative or no number is 0.
+/// Reads an equirectangular map of linear radiance. Negative and non-finite values become 0. A map whose upper
+/// half is dark is an error.
 pub(super) fn load(path: &Path) -> Result<Grid<[f32; 3]>, AssetError> {
     let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
     let decoded = reader.map_err(AssetError::system(path))?.decode();
@@ -34,17 +35,19 @@ pub(super) fn load(path: &Path) -> Result<Grid<[f32; 3]>, AssetError> {
     Err(AssetError::DarkEnvironment { path: path.to_owned() })
 }
 
-/// `map` turned at random, as strong as lights level ground with an irradiance of π.
+/// `map` turned at random about z, with the strength that lights level ground with an irradiance of π.
 pub(super) fn normalised(map: Grid<[f32; 3]>, rng: &mut Pcg64) -> Environment {
     let strength = PI / irradiance(&map);
     Environment { map: Arc::new(map), rotation: rng.random_range(0.0..std::f64::consts::TAU), strength }
 }
 
-/// The luminance that arrives on level ground: the upper half's radiance times the cosine.
+/// The irradiance (as luminance) of level ground: the integral of the upper half's luminance, weighted by the
+/// cosine of the angle to the zenith.
 fn irradiance(map: &Grid<[f32; 3]>) -> f32 {
     let (width, height) = (map.width(), map.height());
     let row = |y: usize| {
-        // Rows are rings around the zenith; between angles a and b the weights sum to π (sin² b − sin² a).
+        // A row is a ring around the zenith. Between zenith angles a and b, solid angle times cosine is
+        // π (sin² b − sin² a).
         let ring = |y: usize| (PI * y as f32 / height as f32).min(0.5 * PI).sin().powi(2);
         let weight = PI * (ring(y + 1) - ring(y)) / width as f32;
         weight * map.row(y).iter().map(|&pixel| luminance(pixel)).sum::<f32>()
@@ -66,7 +69,7 @@ mod tests {
             assert!((irradiance(&sky) - PI).abs() < 1e-4);
             let half = Grid::from_fn(sky.size(), |_, y| [if 2 * y < height { 4.0 } else { 9.0 }; 3]);
             let strength = normalised(half, &mut Pcg64::seed_from_u64(0)).strength;
-            assert!(height % 2 == 1 || (strength - 0.25).abs() < 1e-5, "what is below does not count");
+            assert!(height % 2 == 1 || (strength - 0.25).abs() < 1e-5, "the lower half does not count");
         }
     }
 

@@ -1,4 +1,4 @@
-//! What can be wrong with assets.
+//! The error type of assets.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -22,28 +22,28 @@ pub enum AssetError {
         /// The system's reason.
         source: io::Error,
     },
-    /// A folder holds nothing that could be used.
+    /// A folder holds no file of its kind that the filter admits.
     #[error(
-        "{}: expected {expected}, found none among its {found} files that the names to use and to leave out admit",
+        "{}: expected {expected}, found none among its {found} files; check the folder and the asset filter",
         folder.display()
     )]
     Empty {
         /// The folder.
         folder: PathBuf,
-        /// What was looked for.
+        /// The kind of file that was looked for.
         expected: &'static str,
-        /// How many files were seen.
+        /// How many files the folder holds, of any kind.
         found: usize,
     },
-    /// A name of a filter is no glob.
-    #[error("the asset name {pattern:?} is no valid pattern")]
+    /// A name in a filter is not a valid glob.
+    #[error("the asset name {pattern:?} is not a valid glob pattern")]
     Pattern {
         /// The name.
         pattern: String,
         /// What is wrong with it.
         source: glob::PatternError,
     },
-    /// A mesh file could not be understood.
+    /// A mesh file has invalid content.
     #[error("{}: {problem}", path.display())]
     Mesh {
         /// The file.
@@ -54,16 +54,16 @@ pub enum AssetError {
     /// A texture could not be read.
     #[error(transparent)]
     Texture(#[from] vamvs_io::IoError),
-    /// An environment could not be decoded.
-    #[error("cannot decode the environment {}", path.display())]
+    /// An environment map could not be decoded.
+    #[error("cannot decode the environment map {}", path.display())]
     Environment {
         /// The file.
         path: PathBuf,
         /// The decoder's reason.
         source: image::ImageError,
     },
-    /// An environment gives no light.
-    #[error("{}: expected an environment with light in its upper half, found none", path.display())]
+    /// An environment map is dark in its upper half.
+    #[error("{}: expected an environment map with light in its upper half, found none", path.display())]
     DarkEnvironment {
         /// The file.
         path: PathBuf,
@@ -71,7 +71,7 @@ pub enum AssetError {
 }
 
 impl AssetError {
-    /// A closure for `map_err` that says which file could not be read.
+    /// A closure for `map_err` that makes [`AssetError::System`] of the file `path`.
     pub(super) fn system(path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::System { path: path.to_owned(), source }
     }

@@ -1,4 +1,4 @@
-//! Which assets may be used, by name.
+//! Selects assets by name.
 
 use std::path::Path;
 
@@ -6,8 +6,8 @@ use glob::Pattern;
 
 use super::AssetError;
 
-/// Which assets may be used. A name is a glob (`*`, `?`, `[…]`) and means an asset if it matches its
-/// path below its folder or any part of that path, with or without extension: `025_mug`, `bsds_*`,
+/// Which assets may be used. A name is a glob (`*`, `?`, `[…]`). It matches an asset if it matches the asset's
+/// path relative to the asset folder or any part of that path, with or without extension: `025_mug`, `bsds_*`,
 /// `sunset.hdr`, `kitchen/*`.
 #[derive(Clone, Debug, Default)]
 pub struct AssetFilter {
@@ -16,10 +16,10 @@ pub struct AssetFilter {
 }
 
 impl AssetFilter {
-    /// Admits what one of `only` means (everything, if there are none) and none of `exclude` means.
+    /// Admits the assets that a name in `only` matches (all, if `only` is empty) and no name in `exclude` matches.
     ///
     /// # Errors
-    /// If a name is no valid glob.
+    /// If a name is not a valid glob.
     pub fn new<S: AsRef<str>>(only: &[S], exclude: &[S]) -> Result<Self, AssetError> {
         Ok(Self { only: patterns(only)?, exclude: patterns(exclude)? })
     }

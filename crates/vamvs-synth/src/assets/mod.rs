@@ -1,4 +1,4 @@
-//! What scenes are made of: meshes, textures and environments, from a user's folders or procedural.
+//! The assets of scenes: meshes, textures and environment maps, from a user's folders or procedural.
 
 mod environment;
 mod error;
@@ -25,25 +25,25 @@ use thing::MeshFile;
 
 use crate::{Environment, Material};
 
-/// Share of procedural things and of patterns among those from files.
+/// Where there are files, the probability that a thing or a texture is procedural all the same.
 const PROCEDURAL: f64 = 0.2;
 
-/// Share of surfaces with next to no texture.
+/// Probability that a surface of [`Look::Any`] is almost textureless.
 const PLAIN: f64 = 0.15;
 
-/// Where a user's assets lie; folders are searched with their subfolders.
+/// The folders of a user's assets. Subfolders are searched too.
 #[derive(Clone, Debug, Default)]
 pub struct AssetFolders {
     /// Meshes: `.obj` with `.mtl` and textures; one unit is a metre.
     pub meshes: Option<PathBuf>,
-    /// Photographs for surfaces.
+    /// Photographs to use as textures.
     pub textures: Option<PathBuf>,
-    /// Equirectangular maps: `.hdr`, `.exr`.
+    /// Equirectangular environment maps: `.hdr`, `.exr`.
     pub environments: Option<PathBuf>,
 }
 
-/// The things, textures and environments that scenes are made of. What a kind has no folder for is
-/// made procedurally.
+/// The things, textures and environment maps that scenes are made of. A kind without a folder is made
+/// procedurally.
 #[derive(Debug)]
 pub struct Assets {
     meshes: Vec<MeshFile>,
@@ -53,7 +53,7 @@ pub struct Assets {
 }
 
 impl Assets {
-    /// Lists the files of `folders` that `filter` admits. They are read when they are first used.
+    /// Lists the files of `folders` that `filter` admits. Files are read when they are needed.
     ///
     /// # Errors
     /// If a folder cannot be listed, or holds no file of its kind that the filter admits.
@@ -70,21 +70,21 @@ impl Assets {
         Ok(Self { meshes, textures, environments, fingerprint: hasher.finalize().to_hex().to_string() })
     }
 
-    /// Assets without any file.
+    /// Procedural assets only.
     #[must_use]
     pub fn procedural() -> Self {
         let fingerprint = blake3::hash(&[]).to_hex().to_string();
         Self { meshes: Vec::new(), textures: Vec::new(), environments: Vec::new(), fingerprint }
     }
 
-    /// Tells sets of assets apart: a hash over names and lengths of all files and which of them are
-    /// used, 64 hexadecimal digits.
+    /// A hash that tells sets of assets apart, 64 hexadecimal digits: over the names and lengths of all files
+    /// and which of them are used. The files' content is not read.
     #[must_use]
     pub fn fingerprint(&self) -> &str {
         &self.fingerprint
     }
 
-    /// A random thing that one can pick up.
+    /// A random thing, small enough to pick up.
     pub(crate) fn thing(&self, rng: &mut Pcg64) -> Result<Thing, AssetError> {
         let procedural = rng.random_bool(PROCEDURAL);
         match self.meshes.choose(rng) {
@@ -93,8 +93,8 @@ impl Assets {
         }
     }
 
-    /// A random surface with a random coat, for something of about `extent` metres whose texture
-    /// coordinates are metres.
+    /// A random surface with a random coat, for an object about `extent` metres large whose texture
+    /// coordinates are in metres.
     pub(crate) fn material(&self, look: Look, extent: f32, rng: &mut Pcg64) -> Result<Material, AssetError> {
         let procedural = rng.random_bool(PROCEDURAL);
         let plain = look == Look::Any && rng.random_bool(PLAIN);
@@ -108,7 +108,7 @@ impl Assets {
         Ok(surface.material(rng))
     }
 
-    /// A random environment, randomly turned, that lights level ground with an irradiance of π.
+    /// A random environment, turned at random, that lights level ground with an irradiance of π.
     pub(crate) fn environment(&self, rng: &mut Pcg64) -> Result<Environment, AssetError> {
         let map = match self.environments.choose(rng) {
             Some(file) => environment::load(file)?,

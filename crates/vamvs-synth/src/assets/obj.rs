@@ -1,4 +1,4 @@
-//! Meshes from OBJ files with their MTL files.
+//! Reads meshes from OBJ files with their MTL files.
 
 use std::cell::RefCell;
 use std::fs;
@@ -11,20 +11,20 @@ use super::AssetError;
 use crate::Mesh;
 use crate::smoothing::Facets;
 
-/// Creases sharper than this (radians) stay sharp.
+/// Edges whose triangles differ in direction by more than this (radians) stay sharp.
 const CREASE: f32 = 0.8;
 
-/// The part of a mesh that has one material.
+/// The part of a mesh that has one texture, or the part that has none.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Part {
-    /// The shape. Its texture coordinates are metres if it has no texture of its own.
+    /// The shape. Where it has no texture, its texture coordinates are in metres.
     pub mesh: Mesh,
-    /// The file of its texture.
+    /// The file of its texture, if it has one.
     pub texture: Option<PathBuf>,
 }
 
-/// Reads a mesh whose unit is a metre, one part a material. Normals are always computed: those of
-/// scans are often missing or wrong.
+/// Reads a mesh in metres, one part per texture. Normals are always computed: those of scans are often missing
+/// or wrong.
 pub(super) fn load(path: &Path) -> Result<Vec<Part>, AssetError> {
     let text = fs::read(path).map_err(AssetError::system(path))?;
     let mut reader = Lines { inner: Cursor::new(&text), count: 0 };
@@ -42,7 +42,7 @@ pub(super) fn load(path: &Path) -> Result<Vec<Part>, AssetError> {
     parts(path, &models, &textures(&library, &materials)?)
 }
 
-/// The texture of each material.
+/// The texture file of each material, where it names one.
 fn textures(library: &Path, materials: &[tobj::Material]) -> Result<Vec<Option<PathBuf>>, AssetError> {
     materials.iter().map(|material| texture(library, material)).collect()
 }
@@ -63,7 +63,8 @@ fn texture(library: &Path, material: &tobj::Material) -> Result<Option<PathBuf>,
     Err(AssetError::mesh(library, problem))
 }
 
-/// Joins the models of each texture, in the order in which the file names them.
+/// Joins the models that share a texture, in the order of the file. Models without a texture, or without texture
+/// coordinates, are joined too; these get projected texture coordinates.
 fn parts(path: &Path, models: &[tobj::Model], textures: &[Option<PathBuf>]) -> Result<Vec<Part>, AssetError> {
     let mut joined: Vec<(Option<PathBuf>, Facets)> = Vec::new();
     for model in models.iter().filter(|model| !model.mesh.indices.is_empty()) {
@@ -110,7 +111,7 @@ fn append(all: &mut Facets, more: &Facets) {
     all.triangles.extend(more.triangles.iter().map(|triangle| triangle.map(|vertex| first + vertex)));
 }
 
-/// Gives each triangle texture coordinates by looking along the axis it faces most.
+/// Box projection: each triangle's texture coordinates are its positions along the two axes it faces least.
 fn project(facets: &Facets) -> Facets {
     let mut projected = Facets::default();
     for triangle in &facets.triangles {
@@ -144,7 +145,7 @@ fn bad_library(path: &Path, library: &Path, error: LoadError) -> AssetError {
     AssetError::mesh(library, error.to_string())
 }
 
-/// A reader that knows how many lines were taken from it.
+/// A reader that counts the lines read from it.
 struct Lines<R> {
     inner: R,
     count: usize,
@@ -165,7 +166,7 @@ impl<R: BufRead> BufRead for Lines<R> {
     }
 
     fn consume(&mut self, amount: usize) {
-        // The slice is the one that was handed out, so it cannot fail.
+        // This returns the buffer that the caller already has, so it cannot fail.
         let seen = self.inner.fill_buf().unwrap_or_default();
         self.count += seen[..amount.min(seen.len())].iter().filter(|&&byte| byte == b'\n').count();
         self.inner.consume(amount);

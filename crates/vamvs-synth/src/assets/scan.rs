@@ -1,4 +1,4 @@
-//! What files lie in an asset folder.
+//! Lists the files of an asset folder.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -7,26 +7,23 @@ use walkdir::{DirEntry, WalkDir};
 
 use super::{AssetError, AssetFilter};
 
-/// A kind of asset: what it is called and the extensions of its files, in lower case.
+/// A kind of asset: its name in error messages, and the extensions of its files in lower case.
 pub(super) struct Kind {
     pub name: &'static str,
     pub extensions: &'static [&'static str],
 }
 
-/// Meshes.
 pub(super) const MESHES: Kind = Kind { name: "meshes (.obj)", extensions: &["obj"] };
 
-/// Textures.
 pub(super) const TEXTURES: Kind = Kind {
     name: "pictures (.jpg, .png, .tif, .bmp, .webp)",
     extensions: &["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"],
 };
 
-/// Environments.
 pub(super) const ENVIRONMENTS: Kind = Kind { name: "environments (.hdr, .exr)", extensions: &["hdr", "exr"] };
 
-/// The files of `kind` in `folder` and below that `filter` admits, in the order of their paths. All
-/// files there, of whatever kind, are hashed by `hasher`: name, length and whether admitted.
+/// The files of `kind` in `folder` and its subfolders that `filter` admits, in the order of their paths. Every
+/// file there, of any kind, goes into `hasher`: its path in the folder, whether it is used, and its length.
 pub(super) fn scan(
     folder: &Path,
     kind: &Kind,

@@ -1,4 +1,4 @@
-//! Shapes of procedural things, a few centimetres to two decimetres large.
+//! Shapes of procedural things, in metres: a few centimetres to 20 cm large.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 use crate::Mesh;
 use crate::primitive::{blob, lathe, rounded_cuboid, sphere, torus};
 
-/// Faces around a solid of revolution.
+/// Number of faces around a solid of revolution.
 const SIDES: usize = 64;
 
 /// A random shape.
@@ -60,7 +60,7 @@ fn bottle(rng: &mut Pcg64) -> Mesh {
     lathe(&profile, SIDES)
 }
 
-/// Hollow, wider at the top.
+/// Hollow, usually wider at the top.
 fn cup(rng: &mut Pcg64) -> Mesh {
     let (foot, rim) = (rng.random_range(0.025..0.04), rng.random_range(0.035..0.08));
     let (height, wall) = (rng.random_range(0.04..0.1), rng.random_range(0.003..0.006));
@@ -78,7 +78,7 @@ fn cone(rng: &mut Pcg64) -> Mesh {
     lathe(&[[0.0, 0.0], [foot, 0.0], [foot, 0.005], [top, height], [0.0, height]], SIDES)
 }
 
-/// Points on a circle around `centre` (distance from the axis, z).
+/// Five points on an arc around `centre`, as (distance from the axis, z); angles in radians.
 fn arc(centre: [f32; 2], radius: f32, angles: std::ops::Range<f32>) -> impl Iterator<Item = [f32; 2]> {
     (0..=4).map(move |i| {
         let angle = angles.start + (angles.end - angles.start) * i as f32 / 4.0;

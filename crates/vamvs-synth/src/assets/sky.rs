@@ -1,4 +1,4 @@
-//! Procedural environments: a sky over ground, with a sun or with soft boxes of light.
+//! Procedural environment maps: a sky over ground, with a sun or with large soft lights.
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -10,7 +10,7 @@ use vamvs_core::{Grid, Size};
 use crate::noise::{Octaves, lerp, smooth};
 use crate::pixel::fill;
 
-/// The size of the map.
+/// Size of the map, pixels.
 const SIZE: Size = Size::new(512, 256);
 
 const CLOUDS: Octaves = Octaves { count: 5, gain: 0.55 };
@@ -23,8 +23,8 @@ struct Glow {
     radiance: [f32; 3],
 }
 
-/// A gradient from the horizon to the zenith under clouds, over dim ground; most have a sun, a disc of
-/// 1° to 4°, or up to three soft boxes of light.
+/// A random map of linear radiance: a gradient from the horizon to the zenith with clouds, over dim ground. Most
+/// have a sun (a disc of 1° to 4° radius) or one to three large soft lights (discs of 9° to 29° radius).
 pub(super) fn random(rng: &mut Pcg64) -> Grid<[f32; 3]> {
     let zenith = tinted(0.35..0.9, 0.35, rng);
     let horizon = tinted(0.6..1.3, 0.15, rng);
@@ -44,7 +44,7 @@ pub(super) fn random(rng: &mut Pcg64) -> Grid<[f32; 3]> {
     })
 }
 
-/// The direction of a pixel's centre; rows go from the zenith to the nadir.
+/// The unit direction of a pixel's centre; rows go from the zenith to the nadir.
 fn direction(x: usize, y: usize) -> Vector3<f32> {
     let azimuth = TAU * (x as f32 + 0.5) / SIZE.width as f32;
     let polar = PI * (y as f32 + 0.5) / SIZE.height as f32;
@@ -68,7 +68,7 @@ fn glows(rng: &mut Pcg64) -> Vec<Glow> {
 
 impl Glow {
     fn radiance(&self, direction: &Vector3<f32>) -> [f32; 3] {
-        // The chord is exact enough for the angle and cheap.
+        // The chord length approximates the angle well enough, and is cheap.
         let angle = (direction - self.direction).norm();
         self.radiance.map(|radiance| radiance * smooth(4.0 * (1.0 - angle / self.radius) + 0.5))
     }
@@ -81,7 +81,7 @@ fn upwards(rng: &mut Pcg64) -> Vector3<f32> {
     Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
 }
 
-/// A brightness in the range, warm or cold by at most `tint`.
+/// A random brightness in the range, its red raised and its blue lowered by at most the share `tint`, or vice versa.
 fn tinted(brightness: std::ops::Range<f32>, tint: f32, rng: &mut Pcg64) -> [f32; 3] {
     let value = rng.random_range(brightness);
     let warmth = tint * rng.random_range(-1.0..1.0_f32);

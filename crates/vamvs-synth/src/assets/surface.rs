@@ -1,4 +1,4 @@
-//! Pictures with a size in the world, and the coats over them.
+//! Textures with a size in the world, and the specular coats over them.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,27 +13,31 @@ use super::AssetError;
 use crate::Material;
 use crate::pattern::{Motif, Pattern};
 
-/// Width and height of patterns on large and on small surfaces, pixels, and what is large, metres.
+/// Width and height of patterns on large surfaces, pixels.
 const LARGE_SIDE: usize = 512;
+
+/// Width and height of patterns on small surfaces, pixels.
 const SMALL_SIDE: usize = 256;
+
+/// Extent from which on a surface is large, metres.
 const LARGE: f32 = 0.4;
 
-/// How many photographs are looked at for a large surface.
+/// Number of photographs from which the texture of a large surface is chosen.
 const CANDIDATES: usize = 4;
 
-/// Width and height of plain patterns, pixels: they have little to show.
+/// Width and height of plain patterns, pixels: they show hardly any detail.
 const PLAIN_SIDE: usize = 128;
 
-/// What surfaces may look like.
+/// What kind of procedural pattern a surface may have. Photographs are not restricted by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Look {
-    /// Anything, also next to nothing.
+    /// Any pattern; the surface may also be almost textureless.
     Any,
-    /// Anything with texture.
+    /// Any pattern but plain.
     Rich,
-    /// As bare ground: nothing regular.
+    /// Like bare ground: nothing regular.
     Earth,
-    /// As walls outdoors: bricks, tiles, stone, plaster.
+    /// Like outdoor walls: bricks, tiles, stone, plaster.
     Masonry,
 }
 
@@ -47,7 +51,7 @@ impl Look {
     }
 }
 
-/// A picture that repeats every `width` × `height` metres.
+/// A texture and the size in metres (width, height) at which it repeats.
 #[derive(Clone, Debug)]
 pub(crate) struct Surface {
     pub picture: Arc<Grid<Rgb>>,
@@ -55,13 +59,13 @@ pub(crate) struct Surface {
 }
 
 impl Surface {
-    /// One colour for surfaces of about `extent` metres.
+    /// Almost one colour, for surfaces about `extent` metres large.
     pub fn plain(extent: f32, rng: &mut Pcg64) -> Self {
         let picture = Pattern::random(Motif::Plain, rng).draw(PLAIN_SIDE);
         Self { picture: Arc::new(picture), size: [0.5 * extent; 2] }
     }
 
-    /// A random pattern of that look for surfaces of about `extent` metres.
+    /// A random pattern of that look, for surfaces about `extent` metres large.
     pub fn pattern(look: Look, extent: f32, rng: &mut Pcg64) -> Self {
         let motif = *look.motifs().choose(rng).expect("there are motifs");
         let side = if extent < LARGE { SMALL_SIDE } else { LARGE_SIDE };
@@ -69,9 +73,9 @@ impl Surface {
         Self { picture: Arc::new(picture), size: [extent * log_uniform(0.3..1.0, rng); 2] }
     }
 
-    /// One of the photographs, with its mirror images beside it so that it repeats without a seam,
-    /// for surfaces of about `extent` metres. On large ones repetition shows least if the picture is
-    /// even, so there it is the evenest of a few.
+    /// A random photograph, joined with its mirror images so that it repeats without a seam, for surfaces
+    /// about `extent` metres large. On large ones, where repetition shows, it is the most even of a few
+    /// ([`unevenness`]).
     pub fn photograph(files: &[PathBuf], extent: f32, rng: &mut Pcg64) -> Result<Self, AssetError> {
         let count = if extent < LARGE { 1 } else { CANDIDATES };
         let candidates: Vec<&PathBuf> = (0..count).filter_map(|_| files.choose(rng)).collect();
@@ -84,13 +88,13 @@ impl Surface {
         Ok(Self { picture: Arc::new(picture), size: [width, width * aspect] })
     }
 
-    /// With a random coat, for texture coordinates in metres.
+    /// The texture under a random coat, for texture coordinates in metres.
     pub fn material(self, rng: &mut Pcg64) -> Material {
         coated(self.picture, self.size.map(|side| 1.0 / side), rng)
     }
 }
 
-/// A picture under a random coat: half of them matt, some glossy.
+/// A texture under a random coat: half of them matt, one in ten glossy.
 pub(crate) fn coated(albedo: Arc<Grid<Rgb>>, tiling: [f32; 2], rng: &mut Pcg64) -> Material {
     let (specular, roughness) = match rng.random_range(0..10) {
         0..5 => (0.0, 1.0),
@@ -100,13 +104,13 @@ pub(crate) fn coated(albedo: Arc<Grid<Rgb>>, tiling: [f32; 2], rng: &mut Pcg64) 
     Material { albedo, tiling, tint: [1.0; 3], specular, roughness }
 }
 
-/// A number from the range, each factor equally likely.
+/// A random number in the range, uniform in its logarithm.
 pub(crate) fn log_uniform(range: std::ops::Range<f32>, rng: &mut Pcg64) -> f32 {
     range.start * (range.end / range.start).powf(rng.random())
 }
 
-/// How little of a picture's contrast lies in its detail: the share of the variance of its brightness
-/// that is left in the means of the cells of a 4 × 4 grid.
+/// How much of a picture's contrast is coarse: the share (0 to 1) of the variance of its brightness that lies
+/// between the means of the cells of a 4 × 4 grid.
 fn unevenness(picture: &Grid<Rgb>) -> f64 {
     let mut cells = [[0.0; 3]; 16];
     for y in 0..picture.height() {
@@ -149,7 +153,7 @@ mod tests {
         assert_eq!(of(|x, y| 255 * ((x + y) % 2) as u8), 0.0);
         assert_eq!(of(|_, _| 100), 0.0);
         assert_eq!(of(|x, _| if x < 32 { 0 } else { 200 }), 1.0);
-        // Halves that differ by 100 under detail of 50: half of the variance.
+        // Halves whose means differ by 100, with detail of ± 50: half of the variance is coarse.
         assert_eq!(of(|x, y| if y < 24 { 0 } else { 100 } + 100 * ((x + y) % 2) as u8), 0.5);
     }
 

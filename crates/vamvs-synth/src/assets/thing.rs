@@ -1,4 +1,4 @@
-//! Things that one can pick up.
+//! Things: objects small enough to pick up.
 
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
@@ -13,16 +13,18 @@ use super::{AssetError, Assets, Look, shape};
 use crate::solid::Solid;
 use crate::{Material, Mesh, Object};
 
-/// Meshes larger or smaller than this (radius, metres) are not to scale and are brought to it.
+/// Smallest radius of a thing, metres: a smaller mesh is not to scale and is enlarged to it.
 const SMALLEST: f32 = 0.02;
+
+/// Largest radius of a thing, metres: a larger mesh is not to scale and is reduced to it.
 const LARGEST: f32 = 0.25;
 
-/// A thing: its looks, in parts that share a frame, and its body.
+/// A thing: its visible parts and its collision body, all in one frame.
 #[derive(Clone, Debug)]
 pub(crate) struct Thing {
     pub parts: Vec<(Arc<Mesh>, Material)>,
     pub solid: Arc<Solid>,
-    /// What brings it to a natural size.
+    /// Scale from its frame to metres: brings it to a plausible size, varied at random.
     pub scale: f64,
 }
 
@@ -33,24 +35,24 @@ impl Thing {
         Self { parts, solid, scale: f64::from(natural) * rng.random_range(0.9..1.15) }
     }
 
-    /// Radius of a ball around its middle that it just fits in, at its natural size, metres.
+    /// Radius of the smallest ball around its middle that contains it, after scaling, metres.
     pub fn radius(&self) -> f64 {
         f64::from(self.solid.radius()) * self.scale
     }
 
-    /// Its middle in its own frame.
+    /// Centre of its bounding box, in its own frame before scaling.
     pub fn middle(&self) -> Vector3<f64> {
         self.solid.middle().cast()
     }
 
-    /// Its objects at their place.
+    /// Its parts as objects, placed in the world.
     pub fn objects(self, world_from_thing: Similarity3<f64>) -> impl Iterator<Item = Object> {
         let object = move |(mesh, material)| Object { mesh, material, world_from_object: world_from_thing };
         self.parts.into_iter().map(object)
     }
 }
 
-/// A file with a mesh, and what is kept of it once it was read.
+/// A mesh file; its content is kept in memory once it has been read.
 #[derive(Debug)]
 pub(super) struct MeshFile {
     path: PathBuf,
@@ -68,7 +70,7 @@ impl MeshFile {
         Self { path, loaded: OnceLock::new() }
     }
 
-    /// The thing with its own textures; parts without get random ones.
+    /// The thing with its own textures; parts without a texture get a random surface.
     pub fn thing(&self, assets: &Assets, rng: &mut Pcg64) -> Result<Thing, AssetError> {
         let loaded = self.loaded()?;
         let extent = 2.0 * loaded.solid.radius();

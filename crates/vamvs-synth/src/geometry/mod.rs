@@ -1,4 +1,4 @@
-//! All triangles of a world and how rays meet them.
+//! All triangles of a world, and their intersections with rays.
 
 mod ray;
 
@@ -12,20 +12,20 @@ use obvhs::ray::{Ray as BoxRay, RayHit};
 use crate::World;
 use ray::{Corners, Crossing, Sheared};
 
-/// Boxes are larger than their triangles by this share of the scene's extent, so that rounding in the
-/// test of a box loses no triangle.
+/// Padding of the triangles' bounding boxes, as a share of the scene's extent, so that rounding in the box test
+/// misses no triangle.
 const PADDING: f32 = 4e-6;
-/// The unit of the boxes' ray parameters as a share of the scene's extent: the bounding volume hierarchy
-/// takes parameters below 1e-4 for zero.
+/// Unit of the ray parameter in box tests, as a share of the scene's extent: the bounding volume hierarchy treats
+/// parameters below 1e-4 as zero.
 const UNIT: f32 = 1e-3;
 
-/// Every triangle of a world in a bounding volume hierarchy.
+/// All triangles of a world in a bounding volume hierarchy.
 pub(crate) struct Geometry {
     bvh: CwBvh,
-    /// In the order of the hierarchy's leaves.
+    /// Triangles in the order of the hierarchy's leaves.
     corners: Vec<Corners>,
     faces: Vec<Face>,
-    /// The largest coordinate in size: rounding errors are in proportion to it.
+    /// The largest absolute coordinate; rounding errors are proportional to it.
     extent: f32,
 }
 
@@ -38,20 +38,20 @@ pub(crate) struct Face {
     pub triangle: u32,
 }
 
-/// A ray in the world, its direction of unit length.
+/// A ray in the world; its direction has unit length.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ray {
     pub origin: Vector3<f32>,
     pub direction: Vector3<f32>,
 }
 
-/// What a ray meets first.
+/// Where a ray meets a triangle first.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Meeting {
     pub face: Face,
     /// Distance from the ray's origin.
     pub distance: f32,
-    /// Weights of the triangle's corners.
+    /// Barycentric weights of the triangle's corners.
     pub weights: [f32; 3],
     /// The triangle's corners in the world.
     pub corners: [Vector3<f32>; 3],
@@ -92,7 +92,7 @@ impl Geometry {
         Some(Meeting { face: self.faces[index], distance: best.t, weights: best.weights, corners })
     }
 
-    /// Whether anything is on the ray before `distance`.
+    /// Whether the ray meets anything before `distance`.
     pub fn is_blocked(&self, ray: &Ray, distance: f32) -> bool {
         if self.corners.is_empty() {
             return false;
@@ -105,8 +105,8 @@ impl Geometry {
     }
 }
 
-/// Where the line `origin + t · direction` meets the plane of a face, in double precision from the
-/// object's own vertices; kept within the face's corners where the line runs along the plane.
+/// The parameter t at which the line `origin + t · direction` meets the plane of a face, in double precision from
+/// the object's vertices. It is clamped to the range of the face's corners, for lines nearly parallel to the plane.
 pub(crate) fn exact_crossing(
     world: &World,
     face: Face,
@@ -121,7 +121,7 @@ pub(crate) fn exact_crossing(
     t.max(near).min(far)
 }
 
-/// The corners of a face in the world.
+/// The corners of a face in the world, in double precision.
 pub(crate) fn exact_corners(world: &World, face: Face) -> [Vector3<f64>; 3] {
     let object = &world.objects[face.object as usize];
     object.mesh.triangles[face.triangle as usize].map(|vertex| {
@@ -153,10 +153,10 @@ fn padded_box(corners: &Corners, padding: f32) -> Aabb {
     Aabb::new(bound(f32::min, -padding).into(), bound(f32::max, padding).into())
 }
 
-/// The ray for the boxes, its parameter in units of `unit`.
+/// The ray for box tests, its parameter in multiples of `unit`.
 fn box_ray(ray: &Ray, unit: f32, t_max: f32) -> BoxRay {
     let direction = ray.direction * unit;
-    // Directions along a plane of boxes get a slope too small to leave the padding.
+    // Where a component is 0, a finite inverse avoids NaN: its slope is too small to leave the boxes' padding.
     let inverse = direction.map(|d| if d.abs() < 1e-20 { 1e20_f32.copysign(d) } else { 1.0 / d });
     BoxRay {
         origin: <[f32; 3]>::from(ray.origin).into(),

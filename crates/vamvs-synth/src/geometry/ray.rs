@@ -1,11 +1,11 @@
-//! Where a ray meets a triangle, without cracks between neighbours (Woop, Benthin and Wald,
+//! Ray-triangle intersection without cracks between neighbouring triangles (Woop, Benthin and Wald,
 //! "Watertight ray/triangle intersection", 2013).
 
 /// The corners of a triangle in the world.
 pub(crate) type Corners = [[f32; 3]; 3];
 
-/// A ray, prepared to be tested against many triangles: space is sheared so that the ray runs along an
-/// axis, and each edge decides by one 2D expression that both its triangles evaluate alike.
+/// A ray, prepared for tests against many triangles. Space is sheared so that the ray runs along an axis; then
+/// each edge test is one 2D expression, which both triangles at an edge evaluate alike.
 pub(crate) struct Sheared {
     origin: [f32; 3],
     axes: [usize; 3],
@@ -15,7 +15,7 @@ pub(crate) struct Sheared {
 /// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Crossing {
-    /// The ray's parameter, in lengths of its direction.
+    /// The ray's parameter, in lengths of its direction; negative behind the origin.
     pub t: f32,
     /// Weights of the three corners, with sum 1.
     pub weights: [f32; 3],
@@ -36,7 +36,7 @@ impl Sheared {
         Self { origin, axes: [x, y, z], shear: [direction[x] * scale, direction[y] * scale, scale] }
     }
 
-    /// Where the ray, forwards and backwards, meets the triangle.
+    /// Where the line through the ray meets the triangle, from either side.
     #[inline(always)]
     pub fn meet(&self, corners: &Corners) -> Option<Crossing> {
         let [a, b, c] = [self.along(&corners[0]), self.along(&corners[1]), self.along(&corners[2])];
@@ -53,7 +53,7 @@ impl Sheared {
         Some(Crossing { t, weights })
     }
 
-    /// The point, seen along the ray: two coordinates across it and one along.
+    /// The point in sheared coordinates relative to the origin: two across the ray and one along it.
     #[inline]
     fn along(&self, point: &[f32; 3]) -> [f32; 3] {
         let [x, y, z] = self.axes.map(|axis| point[axis] - self.origin[axis]);
@@ -61,8 +61,8 @@ impl Sheared {
     }
 }
 
-/// Twice the signed area between the ray and an edge; where single precision cannot tell the side,
-/// double precision can.
+/// Twice the signed area of the triangle between the ray and an edge. Where it is 0 in single precision, double
+/// precision decides the side.
 #[inline]
 fn edge(p: &[f32; 3], q: &[f32; 3]) -> f32 {
     let area = p[0] * q[1] - p[1] * q[0];

@@ -1,4 +1,4 @@
-//! A pile of things on the ground, in the open, in a box or in a corner.
+//! Clutter: a pile of things on the ground, in the open, in a box or in a corner.
 
 use nalgebra::Vector3;
 use rand::RngExt;
@@ -10,7 +10,7 @@ use crate::assets::{AssetError, Look};
 /// Side of the ground, metres.
 const GROUND: f64 = 4.0;
 
-/// What the pile lies in.
+/// What surrounds the pile.
 #[derive(Clone, Copy, PartialEq)]
 enum Surround {
     Open,
@@ -18,7 +18,7 @@ enum Surround {
     Box,
 }
 
-/// Drops 15 to 25 things.
+/// Drops 15 to 25 things onto a pile.
 pub(super) fn build(mut set: Set) -> Result<Layout, AssetError> {
     let ground = set.material(Look::Any, 1.2)?;
     set.ground(GROUND, &ground);
@@ -40,7 +40,7 @@ pub(super) fn build(mut set: Set) -> Result<Layout, AssetError> {
     Ok(Layout { objects: finished.objects, focus })
 }
 
-/// Two walls behind the pile, along x and along y, that meet.
+/// Two walls behind the pile, one along x and one along y, that meet in a corner.
 fn add_corner(set: &mut Set, half: f64) -> Result<(), AssetError> {
     let (height, thickness, length) = (set.rng.random_range(0.3..0.9), 0.05, 6.0 * half);
     let across = -half - 0.5 * thickness;

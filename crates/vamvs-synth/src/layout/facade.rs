@@ -1,6 +1,6 @@
-//! The front of a house: openings in storeys and bays, ledges, columns, ornaments.
+//! A façade: openings in storeys and bays, ledges, columns, ornaments.
 //!
-//! The wall stands in the plane y = 0 and is seen from −y; x runs along it.
+//! The wall stands in the plane y = 0 and is seen from the side of −y; x runs along it.
 
 mod ornament;
 
@@ -25,7 +25,7 @@ struct Palette {
     door: Material,
 }
 
-/// The measures of a house, metres.
+/// The dimensions of a façade; lengths in metres.
 struct Plan {
     bays: usize,
     storeys: usize,
@@ -33,19 +33,19 @@ struct Plan {
     storey: f64,
     /// Width and height of a window.
     window: [f64; 2],
-    /// How deep openings are.
+    /// Depth of the openings.
     depth: f64,
-    /// The bay whose lowest opening is a door.
+    /// The bay that has the door.
     door: usize,
 }
 
-/// A wall with two to five bays in one to three storeys, on a ground with some things before it.
+/// Builds a wall with two to five bays and one to three storeys, the ground, and some things in front of it.
 pub(super) fn build(mut set: Set) -> Result<Layout, AssetError> {
     let plan = Plan::random(&mut set);
     let palette = palette(&mut set)?;
     let taste = Taste::random(set.rng);
     let openings = plan.openings();
-    // The wall goes on beyond its bays, so that cameras seldom see past it.
+    // The wall extends beyond its bays, so that cameras seldom see past it.
     let half = 0.5 * plan.width() + plan.bay;
     let outline = Opening { x: [-half as f32, half as f32], z: [-0.2, (plan.height() + 0.4) as f32] };
     let wall = pierced_wall(&outline, &openings, plan.depth as f32);
@@ -100,12 +100,12 @@ impl Plan {
         self.storey * self.storeys as f64
     }
 
-    /// The middle of a bay along the wall.
+    /// The x of a bay's middle.
     fn bay_x(&self, bay: usize) -> f64 {
         (bay as f64 + 0.5) * self.bay - 0.5 * self.width()
     }
 
-    /// Storey by storey, from the left; the lowest of one bay is as high as a door.
+    /// All openings, storey by storey, each from the left. The door reaches down to the ground.
     fn openings(&self) -> Vec<Opening> {
         let places = (0..self.storeys).flat_map(|storey| (0..self.bays).map(move |bay| (storey, bay)));
         let opening = |(storey, bay): (usize, usize)| {
@@ -122,7 +122,7 @@ impl Plan {
         places.map(opening).collect()
     }
 
-    /// Some part of the wall, from before it.
+    /// A random part of the wall, seen from the front.
     fn focus(&self, set: &mut Set) -> Focus {
         let largest = 0.5 * self.width().min(self.height().max(3.0));
         let radius = largest * set.rng.random_range(0.6..1.0);
@@ -165,7 +165,7 @@ fn fill(set: &mut Set, opening: &Opening, depth: f64, palette: &Palette, is_door
     }
 }
 
-/// A box that nothing falls onto.
+/// Places a box; physics does not know it, as nothing falls on façades.
 fn slab(set: &mut Set, size: [f64; 3], centre: &Vector3<f64>, material: &Material) {
     place(set, cuboid(size.map(|side| side as f32)), centre, material);
 }

@@ -10,13 +10,13 @@ use super::Focus;
 use crate::assets::{AssetError, Assets};
 use crate::{Environment, Lamp};
 
-/// An environment of random strength. Level ground gets an irradiance of about π from it.
+/// A random environment of random strength: level ground gets an irradiance of 0.4 to 1.3 times π from it.
 pub(super) fn environment(assets: &Assets, rng: &mut Pcg64) -> Result<Environment, AssetError> {
     let environment = assets.environment(rng)?;
     Ok(Environment { strength: environment.strength * rng.random_range(0.4..1.3), ..environment })
 }
 
-/// Up to three lamps of random size, place and strength, on the side that cameras look from.
+/// Up to three lamps of random size, place and strength, on the side of the cameras.
 pub(super) fn lamps(focus: &Focus, rng: &mut Pcg64) -> Vec<Lamp> {
     let count = rng.random_range(0..=3);
     (0..count).map(|_| lamp(focus, rng)).collect()
@@ -28,7 +28,7 @@ fn lamp(focus: &Focus, rng: &mut Pcg64) -> Lamp {
     let half = focus.radius * rng.random_range(0.1..0.6);
     let u = towards.cross(&Vector3::new(0.3, -0.5, 0.8)).normalize();
     let v = u.cross(&towards);
-    // Emits towards −`towards`, which is half_u × half_v.
+    // The lamp emits along half_u × half_v, which points to −`towards`: at the focus.
     let (half_u, half_v) = (half * u, half * rng.random_range(0.4..1.0) * v);
     let area = 4.0 * half_u.norm() * half_v.norm();
     let irradiance = rng.random_range(0.3..3.0);
@@ -38,7 +38,7 @@ fn lamp(focus: &Focus, rng: &mut Pcg64) -> Lamp {
     Lamp { centre: focus.centre + distance * towards, half_u, half_v, radiance }
 }
 
-/// A direction at least 15° above the horizon, seldom far from the focus' axis.
+/// A random unit vector at least 15° above the horizon and at most 73° from the focus' axis.
 fn direction(focus: &Focus, rng: &mut Pcg64) -> Vector3<f64> {
     loop {
         let [height, turn]: [f64; 2] = rng.random();

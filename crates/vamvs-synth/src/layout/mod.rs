@@ -1,4 +1,4 @@
-//! Stages: objects and lights put together into something worth looking at.
+//! Stages: random arrangements of objects and lights, one module per style.
 
 mod clutter;
 mod facade;
@@ -19,11 +19,11 @@ use crate::assets::{AssetError, Assets};
 use crate::{Object, World};
 use set::Set;
 
-/// Kinds of scenes.
+/// A kind of scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Style {
-    /// A pile of things on the ground, sometimes in a box or before walls (section 4.1).
+    /// A pile of things on the ground, sometimes in a box or in front of walls (the paper's section 4.1).
     Clutter,
     /// One to three things on a table.
     Turntable,
@@ -52,16 +52,16 @@ impl Style {
     }
 }
 
-/// A world and where to look at it from.
+/// A world and the focus of its cameras.
 #[derive(Clone, Debug)]
 pub struct Stage {
-    /// Objects and lights.
+    /// All objects and lights.
     pub world: World,
-    /// Where cameras should look, and from where.
+    /// What cameras should see, and from which directions.
     pub focus: Focus,
 }
 
-/// The objects of a stage and where to look, before there is light.
+/// A stage without lights.
 struct Layout {
     objects: Vec<Object>,
     focus: Focus,
@@ -70,7 +70,7 @@ struct Layout {
 /// Makes a stage. Equal assets and random numbers give bit-identical stages.
 ///
 /// # Errors
-/// If the file of an asset cannot be read; files are read when they are first used.
+/// If an asset file cannot be read. Files are read when they are needed.
 pub fn stage(style: Style, assets: &Assets, rng: &mut Pcg64) -> Result<Stage, AssetError> {
     let environment = light::environment(assets, rng)?;
     let set = Set::new(assets, rng);

@@ -1,4 +1,4 @@
-//! Rigid bodies that fall onto fixed things and come to rest.
+//! Physics: rigid bodies that fall onto fixed things and come to rest.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::dynamics::{RigidBodyBuilder, RigidBodyHandle};
@@ -8,26 +8,28 @@ use rapier3d::pipeline::PhysicsWorld;
 
 use crate::solid::Solid;
 
-/// The engine's units in a metre. Its collision detection is inexact for things much smaller than 1.
+/// Units of the physics engine per metre. Its collision detection is inexact for things much smaller than 1.
 const UNITS: f32 = 10.0;
 
-/// Steps in a second. Short ones keep small things from passing into each other.
+/// Time steps per second. Short steps keep small things from sinking into each other.
 const STEPS_PER_SECOND: usize = 240;
 
-/// Steps between two things that are dropped.
+/// Steps from one dropped thing to the next.
 const STEPS_PER_DROP: usize = 60;
 
-/// Most steps that all things together have to come to rest, and how many of the last are damped.
+/// Largest number of steps after the last drop, for all things to come to rest.
 const STEPS_TO_REST: usize = 3 * STEPS_PER_SECOND;
+
+/// How many of the last [`STEPS_TO_REST`] are strongly damped.
 const DAMPED_STEPS: usize = STEPS_PER_SECOND;
 
 /// Frequency of the springs that push overlapping things apart, hertz.
 const HARDNESS: f32 = 100.0;
 
-/// Height above what lies beneath from which things are dropped, metres.
+/// Height from which things are dropped, above the bounding boxes beneath them, metres.
 const DROP_HEIGHT: f32 = 0.02;
 
-/// Things this deep (metres) have fallen off the ground.
+/// Things below this height (metres) have fallen off the ground.
 const ABYSS: f32 = -0.2;
 
 /// A world of fixed and falling things; z is up.
@@ -47,12 +49,13 @@ impl Physics {
         parameters.contact_softness.natural_frequency = HARDNESS;
         parameters.static_contact_softness.natural_frequency = HARDNESS;
         parameters.num_solver_iterations = 8;
-        // Contacts of things that hardly moved are not kept: old by millimetres, they let things sink in.
+        // Contacts are always recomputed: those kept for things that hardly moved can be off by millimetres,
+        // and then things sink into each other.
         parameters.contact_recycling = false;
         Self { world, bodies: Vec::new() }
     }
 
-    /// Adds an immovable box with sides of `size`, its centre at `centre`, turned about z by `yaw`.
+    /// Adds an immovable box with sides of `size` (metres) around `centre`, turned about z by `yaw` (radians).
     pub fn fix(&mut self, size: [f64; 3], centre: &Vector3<f64>, yaw: f64) {
         let half = size.map(|side| 0.5 * side as f32 * UNITS);
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
@@ -61,8 +64,8 @@ impl Physics {
         self.world.insert_collider(collider, None);
     }
 
-    /// Drops `solid`, enlarged by `scale` and turned by `rotation`, at `place` (x, y) onto what lies
-    /// there, and lets it fall for a moment.
+    /// Drops `solid`, scaled by `scale` and turned by `rotation`, onto whatever lies at `place` (x, y), and
+    /// simulates [`STEPS_PER_DROP`] steps.
     pub fn drop(&mut self, solid: &Solid, scale: f64, rotation: &UnitQuaternion<f64>, place: [f64; 2]) {
         let colliders = colliders(solid, scale as f32 * UNITS);
         let mut start = pose(&Isometry3::from_parts(Translation3::new(place[0], place[1], 0.0), *rotation));
@@ -80,7 +83,8 @@ impl Physics {
         self.run(STEPS_PER_DROP);
     }
 
-    /// The z from which on colliders that move along z at `pose` meet no other's bounding box.
+    /// The lowest z, in engine units, at which the bounding boxes of `colliders` at `pose` are above all others
+    /// that they overlap in x and y; 0 if there are none.
     fn clear_height(&self, colliders: &[Collider], pose: &Pose) -> f32 {
         let falling: Vec<_> = colliders.iter().map(|c| c.shape().compute_aabb(pose)).collect();
         let mut height = f32::NEG_INFINITY;
@@ -97,8 +101,8 @@ impl Physics {
         if height.is_finite() { height } else { 0.0 }
     }
 
-    /// Runs until all things rest, and returns `world_from_solid` of each in the order they were
-    /// dropped: none for those that fell off the ground.
+    /// Simulates until all things are at rest, or for [`STEPS_TO_REST`] steps. Returns `world_from_solid` of each
+    /// thing in the order of dropping, in metres and without its scale; `None` for those that fell off the ground.
     pub fn settle(mut self) -> Vec<Option<Isometry3<f64>>> {
         self.rest();
         self.places()
@@ -133,7 +137,7 @@ impl Physics {
         })
     }
 
-    /// Makes the air thick, so that what still rolls or rocks stops.
+    /// Damps all motion strongly, so that things that still roll or rock stop.
     fn damp(&mut self) {
         for &body in &self.bodies {
             let body = &mut self.world.bodies[body];
@@ -143,7 +147,7 @@ impl Physics {
     }
 }
 
-/// One collider a piece. Pieces without volume have none.
+/// One collider per piece. Pieces without volume are left out.
 fn colliders(solid: &Solid, scale: f32) -> Vec<Collider> {
     let collider = |piece: &Vec<[f32; 3]>| {
         let points: Vec<Vector> = piece.iter().map(|&point| Vector::from(point) * scale).collect();

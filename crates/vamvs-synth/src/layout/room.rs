@@ -1,6 +1,6 @@
-//! A corner of a room, seen from inside: two or three walls, furniture, pictures, things.
+//! Room: a corner seen from inside, with two or three walls, furniture, pictures and things.
 //!
-//! The corner is at (0, 0); the walls run along +x and +y.
+//! The corner is at (0, 0); its walls run along +x and +y.
 
 mod furniture;
 
@@ -12,14 +12,16 @@ use super::{Focus, Layout};
 use crate::assets::{AssetError, Look};
 use furniture::{Wall, add_table, hang_pictures, stand_along};
 
-/// Length and height of the walls, metres.
+/// Length of the walls, metres.
 const LENGTH: f64 = 4.5;
+
+/// Height of the walls, metres.
 const HEIGHT: f64 = 2.6;
 
 /// Thickness of walls and floor, metres.
 const THICKNESS: f64 = 0.1;
 
-/// Floor, walls and furniture, then things on all of it.
+/// Builds the floor, walls and furniture, then drops things onto them.
 pub(super) fn build(mut set: Set) -> Result<Layout, AssetError> {
     add_shell(&mut set)?;
     let mut tops = Vec::new();
@@ -40,7 +42,7 @@ fn add_shell(set: &mut Set) -> Result<(), AssetError> {
     let middle = 0.5 * LENGTH;
     let wide = LENGTH + 2.0 * THICKNESS;
     set.block([wide, wide, THICKNESS], &Vector3::new(middle, middle, -0.5 * THICKNESS), 0.0, &floor);
-    // Half of the rooms have one paper on all walls.
+    // Half of the rooms have the same wallpaper on all walls.
     let paper = set.material(Look::Any, 1.0)?;
     let other = if set.rng.random_bool(0.5) { paper.clone() } else { set.material(Look::Any, 1.0)? };
     let sizes = [[wide, THICKNESS, HEIGHT], [THICKNESS, LENGTH, HEIGHT]];
@@ -56,7 +58,7 @@ fn add_shell(set: &mut Set) -> Result<(), AssetError> {
     Ok(())
 }
 
-/// Larger than life, or they would hardly be seen.
+/// Drops 8 to 16 things, enlarged, as they would hardly be visible at their own size.
 fn drop_things(set: &mut Set, tops: &[[f64; 2]]) -> Result<(), AssetError> {
     let count = set.rng.random_range(8..=16);
     for thing in set.things(count)? {

@@ -1,4 +1,4 @@
-//! A stage under construction: fixed things that are placed, and things that fall onto them.
+//! A stage under construction: fixed objects, and things that fall onto them.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::assets::{AssetError, Assets, Look, Thing};
 use crate::primitive::{cuboid, rectangle};
 use crate::{Material, Mesh, Object};
 
-/// A stage under construction.
+/// A stage under construction. Lengths are in metres, z is up.
 pub(super) struct Set<'a> {
     pub assets: &'a Assets,
     pub rng: &'a mut Pcg64,
@@ -22,10 +22,10 @@ pub(super) struct Set<'a> {
     falling: Vec<(Thing, f64)>,
 }
 
-/// All that stands and lies on a finished set.
+/// The objects of a finished set.
 pub(super) struct Finished {
     pub objects: Vec<Object>,
-    /// Middle and radius of each thing that has fallen and is still there.
+    /// Middle and radius of each thing that was dropped and has stayed on the set.
     pub things: Vec<(Vector3<f64>, f64)>,
 }
 
@@ -35,17 +35,17 @@ impl<'a> Set<'a> {
         Self { assets, rng, objects: Vec::new(), physics: Physics::new(), falling: Vec::new() }
     }
 
-    /// A random material for what measures about `extent` metres, for texture coordinates in metres.
+    /// A random material for an object about `extent` metres large whose texture coordinates are in metres.
     pub fn material(&mut self, look: Look, extent: f64) -> Result<Material, AssetError> {
         self.assets.material(look, extent as f32, self.rng)
     }
 
-    /// Places what nothing falls onto.
+    /// Places an object that things do not collide with.
     pub fn place(&mut self, mesh: Arc<Mesh>, material: &Material, world_from_object: Isometry3<f64>) {
         self.place_scaled(mesh, material, Similarity3::from_isometry(world_from_object, 1.0));
     }
 
-    /// As [`Self::place`], enlarged.
+    /// As [`Self::place`], with a scale.
     pub fn place_scaled(
         &mut self,
         mesh: Arc<Mesh>,
@@ -61,7 +61,7 @@ impl<'a> Set<'a> {
         self.place(Arc::new(cuboid(size.map(|side| side as f32))), material, upright(centre, yaw));
     }
 
-    /// An invisible box that things can fall onto.
+    /// Adds an invisible box that things can fall onto.
     pub fn support(&mut self, size: [f64; 3], centre: &Vector3<f64>, yaw: f64) {
         self.physics.fix(size, centre, yaw);
     }
@@ -72,14 +72,14 @@ impl<'a> Set<'a> {
         self.place(Arc::new(rectangle([side as f32; 2])), material, Isometry3::identity());
     }
 
-    /// Random things, read by several threads.
+    /// Random things, made in parallel.
     pub fn things(&mut self, count: usize) -> Result<Vec<Thing>, AssetError> {
         let seeds: Vec<u64> = (0..count).map(|_| self.rng.random()).collect();
         seeds.par_iter().map(|&seed| self.assets.thing(&mut Pcg64::seed_from_u64(seed))).collect()
     }
 
-    /// Drops a thing, at `enlarged` times its natural size and turned at random, with its middle
-    /// above `place` (x, y).
+    /// Drops a thing, turned at random and enlarged by the factor `enlarged`, with its middle above `place`
+    /// (x, y).
     pub fn drop(&mut self, thing: Thing, enlarged: f64, place: [f64; 2]) {
         let rotation = random_rotation(self.rng);
         let scale = thing.scale * enlarged;
@@ -88,8 +88,8 @@ impl<'a> Set<'a> {
         self.falling.push((thing, scale));
     }
 
-    /// Lets everything come to rest. Things that fell off the ground or came to lie farther than
-    /// `reach` (metres) from the z axis are taken away.
+    /// Lets everything come to rest. Things that fell off the ground, or lie farther than `reach` (metres) from
+    /// the z axis, are removed.
     pub fn finish(self, reach: f64) -> Finished {
         let mut finished = Finished { objects: self.objects, things: Vec::new() };
         for ((thing, scale), place) in self.falling.into_iter().zip(self.physics.settle()) {
@@ -105,19 +105,19 @@ impl<'a> Set<'a> {
     }
 }
 
-/// The place of what stands at `centre`, turned about z by `yaw`.
+/// The pose of an object at `centre` that is turned about z by `yaw` (radians).
 pub(super) fn upright(centre: &Vector3<f64>, yaw: f64) -> Isometry3<f64> {
     let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw);
     Isometry3::from_parts(Translation3::from(*centre), rotation)
 }
 
-/// A point of the disc of `radius` around (0, 0), all equally likely.
+/// A uniformly distributed point in the disc of `radius` around (0, 0).
 pub(super) fn in_disc(radius: f64, rng: &mut Pcg64) -> [f64; 2] {
     let (distance, angle) = (radius * rng.random::<f64>().sqrt(), TAU * rng.random::<f64>());
     [distance * angle.cos(), distance * angle.sin()]
 }
 
-/// A rotation, all equally likely (Shoemake's).
+/// A uniformly distributed rotation (Shoemake 1992).
 fn random_rotation(rng: &mut Pcg64) -> UnitQuaternion<f64> {
     let [u, a, b]: [f64; 3] = rng.random();
     let (near, far) = ((1.0 - u).sqrt(), u.sqrt());

@@ -1,4 +1,4 @@
-//! Bumpy ground with rocks, houses and trees, seen from above.
+//! Terrain: bumpy ground with rocks, houses and trees, seen from above.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
@@ -13,11 +13,14 @@ use crate::assets::{AssetError, Look};
 use crate::noise::Octaves;
 use crate::primitive::{blob, cuboid, extrusion, heightfield, lathe};
 
-/// Side of the ground, metres, and its cells along it.
+/// Side of the ground, metres.
 const SIDE: f32 = 9.0;
+
+/// Grid cells along a side of the ground.
 const CELLS: usize = 220;
 
-/// The ground's shape.
+/// Shape of the ground: fractal noise with this amplitude and wavelength (metres). Roughness is the factor from
+/// one octave's amplitude to the next.
 struct Relief {
     amplitude: f32,
     wavelength: f32,
@@ -36,7 +39,7 @@ impl Relief {
     }
 
     fn height(&self, x: f32, y: f32) -> f32 {
-        // Far from the grid's origin, whose lines would show as symmetry.
+        // The offset keeps away from the origin of the noise, whose grid lines would show as symmetry.
         let place = [x / self.wavelength + 31.4, y / self.wavelength + 27.2, 0.5];
         self.amplitude * Octaves { count: 6, gain: self.roughness }.space(place, self.seed)
     }
@@ -46,7 +49,7 @@ impl Relief {
     }
 }
 
-/// Rocks, and by chance houses or trees, on the ground.
+/// Builds the ground with rocks and, at random, houses and trees.
 pub(super) fn build(mut set: Set) -> Result<Layout, AssetError> {
     let relief = Relief::random(&mut set);
     let ground = heightfield([SIDE; 2], [CELLS; 2], |x, y| relief.height(x, y));
@@ -70,7 +73,7 @@ pub(super) fn build(mut set: Set) -> Result<Layout, AssetError> {
     Ok(Layout { objects: set.finish(0.0).objects, focus })
 }
 
-/// A place somewhere on the ground.
+/// A random place (x, y) on the ground.
 fn anywhere(set: &mut Set) -> [f64; 2] {
     [0, 1].map(|_| 0.45 * f64::from(SIDE) * set.rng.random_range(-1.0..1.0))
 }
@@ -99,7 +102,7 @@ fn add_houses(set: &mut Set, relief: &Relief) -> Result<(), AssetError> {
         let size =
             [set.rng.random_range(0.5..1.1), set.rng.random_range(0.4..0.7), set.rng.random_range(0.4..0.9)];
         let yaw = set.rng.random_range(0.0..TAU);
-        // The lower half stands in the ground, which may be steep.
+        // The lower half is below ground, which may be steep.
         let base = relief.at(place);
         let body = cuboid([size[0], size[1], 2.0 * size[2]].map(|side| side as f32));
         set.place(Arc::new(body), &walls, upright(&base, yaw));
@@ -111,7 +114,7 @@ fn add_houses(set: &mut Set, relief: &Relief) -> Result<(), AssetError> {
     Ok(())
 }
 
-/// Crowns on stems.
+/// Trees: crowns on stems.
 fn add_trees(set: &mut Set, relief: &Relief) -> Result<(), AssetError> {
     let (bark, leaves) = (set.material(Look::Any, 0.3)?, set.material(Look::Rich, 0.5)?);
     for _ in 0..set.rng.random_range(4..14) {

@@ -1,4 +1,4 @@
-//! Stages are deterministic, and what lies on them lies.
+//! Stages are deterministic, and the things on them are at rest.
 
 use nalgebra::{Point3, Vector3};
 use rand::SeedableRng;
@@ -8,7 +8,7 @@ use rapier3d::parry::shape::{TriMesh, TriMeshFlags};
 
 use super::*;
 
-/// Largest gap under a thing and deepest overlap of two, metres.
+/// Largest allowed gap under a thing and largest allowed overlap of two things, metres.
 const TOLERANCE: f32 = 2e-3;
 
 fn staged(style: Style, seed: u64) -> Stage {
@@ -69,7 +69,7 @@ fn lamps_shine_on_the_focus() {
     }
 }
 
-/// The surface of an object in the world, with an inside if it is closed.
+/// The surface of an object in the world; if it is closed, points can be tested for lying inside.
 fn surface(object: &Object) -> TriMesh {
     let place = |&p: &[f32; 3]| {
         let p = object.world_from_object * Point3::from(p).cast::<f64>();
@@ -80,7 +80,7 @@ fn surface(object: &Object) -> TriMesh {
     TriMesh::with_flags(points, object.mesh.triangles.clone(), flags).unwrap()
 }
 
-/// How deep the deepest vertex of `a` lies in `b`.
+/// Depth of the deepest vertex of `a` inside `b`, metres.
 fn overlap(a: &TriMesh, b: &TriMesh) -> f32 {
     let bounds = b.local_aabb();
     let depth = |&vertex: &Vector| {
@@ -90,8 +90,8 @@ fn overlap(a: &TriMesh, b: &TriMesh) -> f32 {
     a.vertices().iter().filter(|&&v| bounds.contains_local_point(v)).map(depth).fold(0.0, f32::max)
 }
 
-/// The largest gap under and the deepest overlap of a thing with the rest, metres, over all objects
-/// of a stage whose first object is level ground at height 0.
+/// The largest gap between a thing and the nearest other object, and the deepest overlap of a thing with another
+/// or with the ground, metres. The first object must be level ground at height 0.
 fn worst_contact(world: &World) -> [f32; 2] {
     let surfaces: Vec<TriMesh> = world.objects.iter().map(surface).collect();
     let still = Pose::IDENTITY;

@@ -1,4 +1,4 @@
-//! One to three things on a table.
+//! Turntable: one to three things on a table.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -11,16 +11,16 @@ use super::{Focus, Layout};
 use crate::assets::{AssetError, Look};
 use crate::primitive::{cylinder, rectangle};
 
-/// Height of the table over the ground, metres.
+/// Height of the table top above the ground, metres; the table top is at z = 0.
 const HEIGHT: f64 = 0.7;
 
-/// Things on a round or a square table before a large ground.
+/// Builds a round or square table above a large ground, and drops the things on it.
 pub(super) fn build(mut set: Set) -> Result<Layout, AssetError> {
     let ground = set.material(Look::Any, 2.0)?;
     set.place(Arc::new(rectangle([8.0; 2])), &ground, upright(&Vector3::new(0.0, 0.0, -HEIGHT), 0.0));
     let count = set.rng.random_range(1..=3);
     let things = set.things(count)?;
-    // Together they shall look large, whatever their natural size.
+    // The things are scaled to a similar size, so that together they fill the picture.
     let ring = if count == 1 { 0.0 } else { 0.12 };
     add_table(&mut set)?;
     let turn = set.rng.random_range(0.0..TAU);
@@ -52,7 +52,7 @@ fn add_table(set: &mut Set) -> Result<(), AssetError> {
         let yaw = set.rng.random_range(0.0..TAU);
         set.block([side, side, thickness], &centre, yaw, &material);
     } else {
-        // Things fall onto the square within the disc.
+        // In physics the disc is the square inscribed in it.
         let inner = side * std::f64::consts::FRAC_1_SQRT_2;
         set.support([inner, inner, thickness], &centre, 0.0);
         let disc = cylinder(0.5 * side as f32, thickness as f32, 96);

@@ -6,7 +6,7 @@ use crate::Lamp;
 use crate::colour::luminance;
 use crate::geometry::Ray;
 
-/// A lamp as the tracer needs it.
+/// A lamp, prepared for path tracing.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Panel {
     centre: Vector3<f32>,
@@ -17,11 +17,11 @@ pub(crate) struct Panel {
     pub radiance: Vector3<f32>,
 }
 
-/// A point of a lamp, seen from somewhere.
+/// A sampled point of a lamp, as seen from a position.
 pub(crate) struct PanelSample {
     pub direction: Vector3<f32>,
     pub distance: f32,
-    /// By solid angle.
+    /// Probability density of the direction, by solid angle.
     pub density: f32,
 }
 
@@ -38,7 +38,7 @@ impl Panel {
         }
     }
 
-    /// About the irradiance that the lamp makes at `position`; more than 0 wherever it shines.
+    /// An estimate of the irradiance (as luminance) that the lamp gives at `position`; more than 0 wherever it shines.
     pub fn strength(&self, position: &Vector3<f32>) -> f32 {
         let from_lamp = position - self.centre;
         let square = from_lamp.norm_squared();
@@ -47,7 +47,7 @@ impl Panel {
         if strength.is_nan() { 0.0 } else { strength }
     }
 
-    /// A point of the lamp as seen from `position`, even over its area; `None` from behind.
+    /// A point sampled uniformly over the lamp's area, as seen from `position`; `None` from behind.
     pub fn sample(&self, position: &Vector3<f32>, [u, v]: [f32; 2]) -> Option<PanelSample> {
         let point = self.centre + self.half_u * (2.0 * u - 1.0) + self.half_v * (2.0 * v - 1.0);
         let distance = (point - position).norm();
@@ -56,7 +56,7 @@ impl Panel {
         Some(PanelSample { direction, distance, density })
     }
 
-    /// Where a ray meets the shining side: the distance, and the density of [`Self::sample`] there.
+    /// Where a ray meets the emitting side: the distance, and the density of [`Self::sample`] for its direction.
     pub fn meet(&self, ray: &Ray) -> Option<(f32, f32)> {
         let to_centre = self.centre - ray.origin;
         let distance = self.normal.dot(&to_centre) / self.normal.dot(&ray.direction);

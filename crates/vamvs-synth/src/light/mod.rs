@@ -1,4 +1,4 @@
-//! Where light comes from.
+//! The light sources of a world, and how paths sample them.
 
 mod lamp;
 mod sky;
@@ -16,21 +16,21 @@ pub(crate) struct Lights {
     lamps: Vec<Panel>,
 }
 
-/// A direction that light may come from.
+/// A sampled direction that light may come from.
 pub(crate) struct LightSample {
     pub direction: Vector3<f32>,
-    /// Infinite for the sky.
+    /// Distance to the light; infinite for the sky.
     pub distance: f32,
-    /// Linear radiance, unless something is in between.
+    /// Linear radiance, if nothing is in between.
     pub radiance: Vector3<f32>,
-    /// By solid angle.
+    /// Probability density of the direction, by solid angle.
     pub density: f32,
 }
 
 /// Light that a ray meets by chance.
 pub(crate) struct Emitted {
     pub radiance: Vector3<f32>,
-    /// Density with which [`Lights::sample`] would have chosen it.
+    /// Probability density with which [`Lights::sample`] would have chosen its direction, by solid angle.
     pub density: f32,
 }
 
@@ -40,8 +40,8 @@ impl Lights {
         Self { sky: Sky::new(&world.environment), lamps }
     }
 
-    /// A direction that light on `position` may come from; `choice` and `uv` are numbers in [0, 1).
-    /// Lights are chosen by their strength.
+    /// Samples a direction that light at `position` may come from: `choice` selects a light in proportion to its
+    /// strength there, `uv` a point of it; all are numbers in [0, 1).
     pub fn sample(&self, position: &Vector3<f32>, choice: f32, uv: [f32; 2]) -> Option<LightSample> {
         let total = self.strength(position);
         let mut left = choice * total - self.sky_strength();
@@ -68,8 +68,8 @@ impl Lights {
         None
     }
 
-    /// All light that a ray brings back from a surface at `distance` or, with an infinite one, from
-    /// the sky.
+    /// All light that a ray meets: from lamps nearer than `distance`, that of the surface that the ray meets, and from
+    /// the sky if `distance` is infinite.
     pub fn emitted<'a>(&'a self, ray: &'a Ray, distance: f32) -> impl Iterator<Item = Emitted> + 'a {
         let total = self.strength(&ray.origin);
         let from_lamp = move |lamp: &Panel| {
@@ -87,7 +87,7 @@ impl Lights {
         self.sky_strength() + self.lamps.iter().map(|lamp| lamp.strength(position)).sum::<f32>()
     }
 
-    /// The irradiance of the sky, were it even.
+    /// The irradiance that a uniform sky of the same mean luminance would give.
     fn sky_strength(&self) -> f32 {
         std::f32::consts::PI * self.sky.mean_luminance()
     }

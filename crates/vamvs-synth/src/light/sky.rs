@@ -1,4 +1,4 @@
-//! Light from infinitely far, sampled by how bright it is.
+//! The sky: light from infinitely far away, sampled in proportion to its brightness.
 
 use std::f32::consts::{PI, TAU};
 
@@ -9,19 +9,19 @@ use crate::Environment;
 use crate::colour::luminance;
 use crate::surface::around;
 
-/// The widest map that surfaces are lit by, pixels: 1.4 degrees each, and small enough for a processor's
+/// Largest width of the map that lights surfaces, pixels: 1.4 degrees each, and small enough for a processor's
 /// cache.
 const LIGHT_WIDTH: usize = 256;
 
-/// An environment with the distribution of its light. Its pixels' columns run clockwise seen from
-/// above, so that it is not mirrored for a viewer inside.
+/// An environment with the distribution of its light. The map's columns run clockwise as seen from above, so that
+/// a viewer inside does not see it mirrored.
 pub(crate) struct Sky {
     environment: Environment,
-    /// The map that surfaces are lit by.
+    /// The map that lights surfaces: the environment's, reduced.
     light: Grid<[f32; 3]>,
-    /// For each row, the running sum of its pixels' shares of the row's light.
+    /// For each row, the cumulative distribution of its light over the columns.
     columns: Grid<f32>,
-    /// The running sum of the rows' shares of all light.
+    /// The cumulative distribution of all light over the rows.
     rows: Vec<f32>,
     /// Mean luminance over all directions.
     mean: f32,
@@ -30,9 +30,9 @@ pub(crate) struct Sky {
 /// Light from a direction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SkyLight {
-    /// Linear.
+    /// Linear radiance.
     pub radiance: Vector3<f32>,
-    /// Density of [`Sky::sample`] by solid angle.
+    /// Probability density of [`Sky::sample`], by solid angle.
     pub density: f32,
 }
 
@@ -56,13 +56,13 @@ impl Sky {
         self.mean
     }
 
-    /// What is seen in a direction.
+    /// The radiance that a camera sees in a direction, in full resolution.
     pub fn background(&self, direction: &Vector3<f32>) -> Vector3<f32> {
         let place = self.place(direction);
         interpolated(&self.environment.map, place) * self.environment.strength
     }
 
-    /// The light from a direction.
+    /// The light that a surface gets from a direction.
     pub fn light(&self, direction: &Vector3<f32>) -> SkyLight {
         let place = self.place(direction);
         let Size { width, height } = self.light.size();
@@ -71,7 +71,7 @@ impl Sky {
         SkyLight { radiance: self.radiance(place), density: self.cell_density(column, row) }
     }
 
-    /// A direction for numbers in [0, 1), and the light from there.
+    /// Samples a direction, from two numbers in [0, 1); returns it with the light from there.
     pub fn sample(&self, [u, v]: [f32; 2]) -> (Vector3<f32>, SkyLight) {
         let size = self.light.size();
         let (y, v) = pick(&self.rows, v);
@@ -88,7 +88,7 @@ impl Sky {
         interpolated(&self.light, place) * self.environment.strength
     }
 
-    /// Where a direction is on the map: from left to right and from top to bottom, each 0 to 1.
+    /// The place of a direction on the map: (from the left, from the top), each 0 to 1.
     fn place(&self, direction: &Vector3<f32>) -> [f32; 2] {
         let azimuth = direction.y.atan2(direction.x) - self.environment.rotation as f32;
         [(-azimuth / TAU).rem_euclid(1.0), direction.z.clamp(-1.0, 1.0).acos() / PI]
@@ -101,20 +101,20 @@ impl Sky {
     }
 }
 
-/// Heights z of the upper and the lower border of a row.
+/// The z of the upper and the lower border of a row, on the unit sphere.
 fn row_bounds(size: Size, y: usize) -> (f32, f32) {
     let border = |y: usize| (PI * y as f32 / size.height as f32).cos();
     (border(y), border(y + 1))
 }
 
-/// A row's extent in z: its share of the sphere is half of that.
+/// The extent of a row in z; half of it is the row's share of the sphere.
 fn row_height(size: Size, y: usize) -> f32 {
     let (above, below) = row_bounds(size, y);
     above - below
 }
 
-/// Writes the running sums of `weights`, scaled to end at 1, and gives their unscaled sum. Where there
-/// is no weight at all, all are equal.
+/// Writes the cumulative distribution of `weights` to `shares` and returns the sum of `weights`. If that is 0, the
+/// distribution is uniform.
 fn running_shares(weights: &[f32], shares: &mut [f32]) -> f32 {
     let total: f64 = weights.iter().map(|&weight| f64::from(weight)).sum();
     let even = 1.0 / weights.len() as f64;
@@ -126,12 +126,13 @@ fn running_shares(weights: &[f32], shares: &mut [f32]) -> f32 {
     total as f32
 }
 
-/// The share of entry `index`.
+/// The probability of entry `index` of a cumulative distribution.
 fn step(shares: &[f32], index: usize) -> f32 {
     shares[index] - if index == 0 { 0.0 } else { shares[index - 1] }
 }
 
-/// The entry that a number in [0, 1) falls into, and how far it is within the entry.
+/// Samples a cumulative distribution: the entry that `number`, in [0, 1), falls into, and its position within the
+/// entry, 0 to 1.
 fn pick(shares: &[f32], number: f32) -> (usize, f32) {
     let index = shares.partition_point(|&share| share <= number).min(shares.len() - 1);
     let below = shares[index] - step(shares, index);
@@ -139,7 +140,8 @@ fn pick(shares: &[f32], number: f32) -> (usize, f32) {
     (index, if within.is_nan() { 0.5 } else { within.clamp(0.0, 1.0) })
 }
 
-/// The map at most `width` wide, by the mean over the pixels that fall into one.
+/// The map reduced to at most `width` pixels across; each pixel is the mean of those that fall into it, weighted by
+/// solid angle.
 fn reduced(map: &Grid<[f32; 3]>, width: usize) -> Grid<[f32; 3]> {
     let from = map.size();
     let height = (from.height * width / from.width.max(1)).max(1);
@@ -158,7 +160,7 @@ fn reduced(map: &Grid<[f32; 3]>, width: usize) -> Grid<[f32; 3]> {
     sums.map(|&[red, green, blue, weight]| [red / weight, green / weight, blue / weight])
 }
 
-/// The map between its pixels' centres; it is closed along x.
+/// The map, bilinearly interpolated at `place`; it wraps around along x.
 fn interpolated(map: &Grid<[f32; 3]>, place: [f32; 2]) -> Vector3<f32> {
     let (x, y) = (place[0] * map.width() as f32 - 0.5, place[1] * map.height() as f32 - 0.5);
     let (left, top) = (x.floor(), y.floor());
@@ -172,7 +174,7 @@ fn interpolated(map: &Grid<[f32; 3]>, place: [f32; 2]) -> Vector3<f32> {
     along(top).lerp(&along(top + 1.0), y - top)
 }
 
-/// The mean over a pixel of the interpolated map: each neighbour reaches half a pixel into it.
+/// The mean of the interpolated map over a pixel, into which each neighbour reaches half a pixel.
 fn mean_of_interpolated(map: &Grid<[f32; 3]>, x: usize, y: usize) -> [f32; 3] {
     let weights = [0.125, 0.75, 0.125];
     let column = |i: usize| (x + i + map.width() - 1) % map.width();

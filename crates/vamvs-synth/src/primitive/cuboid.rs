@@ -1,4 +1,4 @@
-//! Six grids, the faces of a cuboid: with edges sharp or round, blown up to a sphere, or dented.
+//! Cuboids with sharp or rounded edges, spheres and blobs: all are six grids, the faces of a cuboid.
 
 use std::f32::consts::{FRAC_PI_4, PI};
 
@@ -9,10 +9,10 @@ use crate::Mesh;
 use crate::noise::{Octaves, space};
 use crate::smoothing::Facets;
 
-/// The dents of blobs.
+/// Noise that dents blobs.
 const DENTS: Octaves = Octaves { count: 3, gain: 0.45 };
 
-/// The faces: outward axis with sign, and the axes with signs that go right and up on it.
+/// For each face: the outward axis, and the axes that go right and up on it, each with its sign.
 const FACES: [[(usize, f32); 3]; 6] = [
     [(0, 1.0), (1, 1.0), (2, 1.0)],
     [(1, 1.0), (0, -1.0), (2, 1.0)],
@@ -28,17 +28,18 @@ pub fn cuboid(size: [f32; 3]) -> Mesh {
     rounded_cuboid(size, 0.0, 0)
 }
 
-/// A sphere around the origin of `cells` × `cells` quadrilaterals on each of six faces.
+/// A sphere around the origin. Each of its six faces has `cells` × `cells` quadrilaterals; an odd number is
+/// rounded up.
 #[must_use]
 pub fn sphere(radius: f32, cells: usize) -> Mesh {
     rounded_cuboid([2.0 * radius; 3], radius, cells.div_ceil(2))
 }
 
-/// A box of [`cuboid`] whose edges are rounded with `radius` (at most half the shortest side) in
-/// 2 × `cells` steps. The texture runs around the four sides; top and bottom continue the first.
+/// A [`cuboid`] whose edges are rounded with `radius` (at most half the shortest side) in 2 × `cells` steps.
+/// The texture runs continuously around the four sides; top and bottom continue that of the first side.
 ///
 /// # Panics
-/// If there is a radius but no cells.
+/// If `radius` is not 0 but `cells` is 0.
 #[must_use]
 pub fn rounded_cuboid(size: [f32; 3], radius: f32, cells: usize) -> Mesh {
     assert!(radius == 0.0 || cells > 0, "a rounded edge needs cells");
@@ -61,8 +62,8 @@ pub fn rounded_cuboid(size: [f32; 3], radius: f32, cells: usize) -> Mesh {
     mesh
 }
 
-/// A ball of about `radius`, of `cells` × `cells` quadrilaterals on each of six faces, squeezed and
-/// dented: noise of relative `amplitude` (0 to 0.5) with about `bumps` bumps around it.
+/// An irregular ball of about `radius`: a [`sphere`] of `cells`, squeezed along the axes and dented by noise of
+/// relative `amplitude` (0 to 0.5), with about `bumps` bumps around it.
 #[must_use]
 pub fn blob(radius: f32, cells: usize, amplitude: f32, bumps: f32, seed: u32) -> Mesh {
     let ball = sphere(radius, cells);
@@ -75,7 +76,8 @@ pub fn blob(radius: f32, cells: usize, amplitude: f32, bumps: f32, seed: u32) ->
     Facets { positions, uvs: ball.uvs, triangles: ball.triangles }.smooth(PI)
 }
 
-/// The grid lines across a face in one direction: where on the box, and how far along the surface.
+/// The grid lines across a face in one direction, relative to the middle of the face: their offsets on the sharp
+/// box, and their distances along the rounded surface (arcs).
 struct Line {
     offsets: Vec<f32>,
     arcs: Vec<f32>,
@@ -86,7 +88,7 @@ impl Line {
         let half = 0.5 * side;
         let inner = (half - radius).max(0.0);
         let step = |i: usize| FRAC_PI_4 * i as f32 / cells as f32;
-        // The last is exactly the box's edge, so that faces join.
+        // The last line is exactly at the box's edge, so that faces join.
         let offset = |i: usize| if i == cells { half } else { inner + radius * step(i).tan() };
         let first = usize::from(inner == 0.0 && cells > 0);
         let upper: Vec<(f32, f32)> = (first..=cells)
@@ -109,7 +111,7 @@ impl Line {
 
 fn add_face(facets: &mut Facets, lines: &[Line; 3], face: usize) {
     let [(out, out_sign), (right, right_sign), (up, up_sign)] = FACES[face];
-    // The sides lie in a row, each right of the one before; top and bottom above and below the first.
+    // In the texture, the sides form a row from left to right; top and bottom are above and below the first.
     let start_u = (0..face.min(4)).map(|side| lines[FACES[side][1].0].length()).sum::<f32>();
     let start = match face {
         4 => [0.0, lines[2].length()],
@@ -127,18 +129,18 @@ fn add_face(facets: &mut Facets, lines: &[Line; 3], face: usize) {
     });
 }
 
-/// Grid lines run against the axis where its sign is negative.
+/// Index of a grid line along the axis; lines are counted backwards where the sign is negative.
 fn signed(index: usize, last: usize, sign: f32) -> usize {
     if sign > 0.0 { index } else { last - index }
 }
 
-/// Pulls a point of the box onto the rounded box.
+/// Moves a point on the surface of the sharp box onto the rounded box.
 fn round(position: [f32; 3], inner: [f32; 3], radius: f32) -> [f32; 3] {
     let normal = outwards(position, inner);
     [0, 1, 2].map(|i| position[i].clamp(-inner[i], inner[i]) + radius * normal[i])
 }
 
-/// The direction away from the inner box.
+/// The unit vector away from the inner box, which is the normal of the rounded box.
 fn outwards(position: [f32; 3], inner: [f32; 3]) -> Vector3<f32> {
     Vector3::from([0, 1, 2].map(|i| position[i] - position[i].clamp(-inner[i], inner[i]))).normalize()
 }

@@ -1,4 +1,4 @@
-//! A profile pushed along a line: ledges, mouldings, frames.
+//! Extrusions: a profile swept along a line, for ledges, mouldings and roofs.
 
 use std::f32::consts::PI;
 
@@ -6,13 +6,13 @@ use super::patch;
 use crate::Mesh;
 use crate::smoothing::Facets;
 
-/// Creases sharper than this stay sharp.
+/// Edges whose faces differ in direction by more than this (radians) stay sharp.
 const CREASE: f32 = PI / 5.0;
 
-/// The solid under a profile, from x = −`length` / 2 to x = `length` / 2.
+/// The solid whose cross-section is `profile`, from x = −`length` / 2 to x = `length` / 2.
 ///
-/// `profile` holds points (y, z), counter-clockwise seen from +x, and is closed from its last point to
-/// its first, which all of it must be visible from.
+/// `profile` is a polygon of points (y, z), counter-clockwise as seen from +x; its last point is joined to its
+/// first. From the first point the whole polygon must be visible, as the caps are triangle fans around it.
 ///
 /// # Panics
 /// If the profile has fewer than three points.
@@ -37,7 +37,7 @@ pub fn extrusion(profile: &[[f32; 2]], length: f32) -> Mesh {
     facets.smooth(CREASE)
 }
 
-/// A fan of triangles around the profile's first point.
+/// Adds a cap at `x`: a fan of triangles around the profile's first point.
 fn add_cap(facets: &mut Facets, profile: &[[f32; 2]], x: f32) {
     let first = facets.positions.len() as u32;
     for &[y, z] in profile {

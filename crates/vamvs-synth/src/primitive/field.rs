@@ -1,4 +1,4 @@
-//! Open surfaces over a rectangle of the plane z = 0, seen from above.
+//! Open surfaces over a rectangle of the plane z = 0; their outside is above.
 
 use std::f32::consts::FRAC_PI_4;
 
@@ -6,13 +6,14 @@ use super::patch;
 use crate::Mesh;
 use crate::smoothing::Facets;
 
-/// A rectangle of `size` (metres along x and y) in the plane z = 0, centred, its outside up.
+/// A rectangle of `size` (metres along x and y) in the plane z = 0, centred at the origin; its outside is above.
 #[must_use]
 pub fn rectangle(size: [f32; 2]) -> Mesh {
     heightfield(size, [1, 1], |_, _| 0.0)
 }
 
-/// The surface z = `height(x, y)` over a centred rectangle of `size`, in `cells` along x and y.
+/// The surface z = `height(x, y)` over a rectangle of `size` (metres) centred at the origin, as a grid of `cells`
+/// along x and y.
 #[must_use]
 pub fn heightfield(size: [f32; 2], cells: [usize; 2], height: impl Fn(f32, f32) -> f32) -> Mesh {
     let mut facets = Facets::default();

@@ -6,17 +6,17 @@ use super::patch;
 use crate::Mesh;
 use crate::smoothing::Facets;
 
-/// Creases sharper than this stay sharp.
+/// Edges whose faces differ in direction by more than this (radians) stay sharp.
 const CREASE: f32 = PI / 5.0;
 
-/// A cylinder about the z axis, centred at the origin, with `sides` faces around.
+/// A cylinder about the z axis, centred at the origin, approximated by a prism of `sides` sides.
 #[must_use]
 pub fn cylinder(radius: f32, height: f32, sides: usize) -> Mesh {
     let half = 0.5 * height;
     lathe(&[[0.0, -half], [radius, -half], [radius, half], [0.0, half]], sides)
 }
 
-/// A ring about the z axis: a circle of radius `thickness` at distance `radius` from the axis.
+/// A torus about the z axis: a circle of radius `thickness`, its centre at distance `radius` from the axis.
 #[must_use]
 pub fn torus(radius: f32, thickness: f32, sides: usize) -> Mesh {
     let steps = sides / 2;
@@ -28,9 +28,9 @@ pub fn torus(radius: f32, thickness: f32, sides: usize) -> Mesh {
     lathe(&profile, sides)
 }
 
-/// The solid that `profile`, points (distance from the axis, z), encloses when it turns about the z
-/// axis in `sides` steps. It has the solid on its left as it goes on; closed if it begins and ends on
-/// the axis or at the same point. Level parts take their texture from above, others from around.
+/// The solid of revolution of `profile`, points (distance from the axis, z), about the z axis, in `sides` steps. The
+/// solid is on the left of the profile; it is closed if the profile begins and ends on the axis, or at the same
+/// point. The texture is projected from above onto nearly level parts, and wrapped around the others.
 #[must_use]
 pub fn lathe(profile: &[[f32; 2]], sides: usize) -> Mesh {
     let turns: Vec<[f32; 2]> = (0..=sides).map(|side| turn(side % sides, sides)).collect();
@@ -52,7 +52,7 @@ pub fn lathe(profile: &[[f32; 2]], sides: usize) -> Mesh {
     facets.smooth(CREASE)
 }
 
-/// Cosine and sine of a part of the full turn.
+/// Cosine and sine of `side` / `sides` of a full turn.
 fn turn(side: usize, sides: usize) -> [f32; 2] {
     let angle = TAU * side as f32 / sides as f32;
     [angle.cos(), angle.sin()]

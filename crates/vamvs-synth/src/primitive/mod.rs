@@ -1,5 +1,5 @@
-//! Meshes from formulas. Texture coordinates are metres along the surface; all but the open
-//! [`rectangle`], [`heightfield`] and [`pierced_wall`] are closed.
+//! Geometric primitives as meshes. Texture coordinates are in metres along the surface. All are closed, except
+//! [`rectangle`], [`heightfield`], [`pierced_wall`], and [`lathe`] with an open profile.
 
 mod cuboid;
 mod extrusion;
@@ -15,8 +15,8 @@ pub use pierced::{Opening, pierced_wall};
 
 use crate::smoothing::Facets;
 
-/// Adds a grid of `columns` × `rows` quadrilaterals; `vertex(column, row)` gives position and texture
-/// coordinates of its corners. Its outside is where rows go up as columns go right.
+/// Adds a grid of `columns` × `rows` quadrilaterals; `vertex(column, row)` gives the position and texture
+/// coordinates of a grid point. Seen from outside, columns go right and rows go up.
 fn patch(
     facets: &mut Facets,
     [columns, rows]: [usize; 2],

@@ -6,17 +6,17 @@ use super::patch;
 use crate::Mesh;
 use crate::smoothing::Facets;
 
-/// A rectangular opening in the plane of a wall, metres.
+/// A rectangle in the plane of a wall, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Opening {
-    /// Left and right end.
+    /// Left and right border.
     pub x: [f32; 2],
-    /// Lower and upper end.
+    /// Lower and upper border.
     pub z: [f32; 2],
 }
 
-/// The front of a wall in the plane y = 0, seen from −y, over the rectangle `outline`, with the sides
-/// of its `openings`, which go `depth` metres deep. It has no back; openings must not overlap.
+/// The front of a wall in the plane y = 0, facing −y, over the rectangle `outline`, together with the inner sides
+/// of its `openings`, which are `depth` metres deep. It has no back. Openings must not overlap.
 #[must_use]
 pub fn pierced_wall(outline: &Opening, openings: &[Opening], depth: f32) -> Mesh {
     let lines = |outer: [f32; 2], inner: fn(&Opening) -> [f32; 2]| {
@@ -52,7 +52,7 @@ fn add_front(facets: &mut Facets, x: [f32; 2], z: [f32; 2]) {
     patch(facets, [1, 1], |column, row| ([x[column], 0.0, z[row]], [x[column], z[row]]));
 }
 
-/// The four sides, seen from inside the opening.
+/// Adds the four inner sides of an opening; they face into it.
 fn add_sides(facets: &mut Facets, &Opening { x, z }: &Opening, depth: f32) {
     let corners = [[x[0], z[0]], [x[1], z[0]], [x[1], z[1]], [x[0], z[1]]];
     for side in 0..4 {

@@ -1,4 +1,4 @@
-//! Primitives against geometry's formulas.
+//! Volumes, areas and topology of the primitives, compared with formulas.
 
 use std::collections::{HashMap, HashSet};
 use std::f64::consts::PI;
@@ -12,7 +12,7 @@ fn corners(mesh: &Mesh, triangle: [u32; 3]) -> [Vector3<f64>; 3] {
     triangle.map(|vertex| Vector3::from(mesh.positions[vertex as usize]).cast())
 }
 
-/// The signed volume: positive if closed and outwards.
+/// The signed volume of a closed mesh: positive if its triangles face outwards.
 fn volume(mesh: &Mesh) -> f64 {
     let of_triangle = |&triangle| {
         let [a, b, c] = corners(mesh, triangle);
@@ -29,8 +29,8 @@ fn area(mesh: &Mesh) -> f64 {
     mesh.triangles.iter().map(of_triangle).sum()
 }
 
-/// Vertices − edges + faces, after vertices at one position are made one. Checks on the way that
-/// every edge has its opposite: the mesh is closed and consistently oriented.
+/// The Euler characteristic, vertices − edges + faces, after merging vertices at the same position. Asserts that
+/// the mesh is closed and consistently oriented: every edge is used once in each direction.
 fn euler(mesh: &Mesh) -> i64 {
     let mut places = HashMap::new();
     let place: Vec<usize> = mesh
@@ -50,7 +50,7 @@ fn euler(mesh: &Mesh) -> i64 {
     places.len() as i64 - edges.len() as i64 / 2 + mesh.triangles.len() as i64
 }
 
-/// Normals point to the same side as the triangles, and have unit length.
+/// Asserts that normals have unit length and point to the same side as their triangles.
 fn assert_normals(mesh: &Mesh) {
     for &triangle in &mesh.triangles {
         let [a, b, c] = corners(mesh, triangle);
@@ -67,7 +67,7 @@ fn assert_close(found: f64, expected: f64, relative: f64) {
     assert!((found / expected - 1.0).abs() < relative, "found {found}, expected {expected}");
 }
 
-/// How much larger surfaces are than their image in texture coordinates, as the range over triangles.
+/// The smallest and the largest ratio, over all triangles, of area in space to area in texture coordinates.
 fn stretch(mesh: &Mesh) -> (f64, f64) {
     let ratios = mesh.triangles.iter().map(|&triangle| {
         let [a, b, c] = corners(mesh, triangle);
@@ -110,7 +110,7 @@ fn rounded_cuboids_are_boxes_blown_up_by_a_ball() {
     let mesh = rounded_cuboid([1.0, 0.6, 0.3], r as f32, 12);
     assert_eq!(euler(&mesh), 2);
     assert_normals(&mesh);
-    // Steiner's formula: volume, area × r, edges × πr²/4, corners.
+    // Steiner's formula: volume, plus area × r, plus edge lengths × πr²/4, plus a ball for the corners.
     let [a, b, c] = inner;
     let exact =
         a * b * c + 2.0 * (a * b + b * c + c * a) * r + PI * r * r * (a + b + c) + 4.0 / 3.0 * PI * r * r * r;

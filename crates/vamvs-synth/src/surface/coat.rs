@@ -12,17 +12,19 @@ use vamvs_core::{Grid, Size};
 use super::frame::around;
 use crate::Material;
 
-/// Rougher than a mirror, so that reflections are functions and not deltas.
+/// Smallest α: a perfect mirror's reflection would be a delta function.
 const MIN_ALPHA: f32 = 2e-3;
-/// Reflectance at normal incidence from which on grazing light is reflected fully.
+/// From this reflectance at normal incidence on, light at grazing incidence is reflected fully.
 const FULL_GRAZING: f32 = 0.02;
 
 /// The coat of a surface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Coat {
-    /// Reflectance of a microfacet at normal and at grazing incidence.
+    /// Reflectance of a microfacet at normal incidence.
     normal: f32,
+    /// Reflectance of a microfacet at grazing incidence.
     grazing: f32,
+    /// GGX roughness: the material's roughness squared.
     alpha: f32,
 }
 
@@ -34,20 +36,20 @@ impl Coat {
         (material.specular > 0.0).then_some(Self { normal: material.specular.min(1.0), grazing, alpha })
     }
 
-    /// Reflected share of the light from `wi` towards `wo` by solid angle of `wi`, with the cosine.
+    /// The coat's BRDF for light from `wi` towards `wo`, times the cosine of `wi`.
     pub fn reflected(&self, wo: &Vector3<f32>, wi: &Vector3<f32>) -> f32 {
         let half = (wo + wi).normalize();
         let shadowing = 1.0 / (1.0 + self.lambda(wo.z) + self.lambda(wi.z));
         self.fresnel(wo.dot(&half)) * self.distribution(&half) * shadowing / (4.0 * wo.z)
     }
 
-    /// Density of [`Self::sample`] by solid angle of `wi`.
+    /// Probability density of [`Self::sample`], by solid angle of `wi`.
     pub fn density(&self, wo: &Vector3<f32>, wi: &Vector3<f32>) -> f32 {
         let half = (wo + wi).normalize();
         self.distribution(&half) / ((1.0 + self.lambda(wo.z)) * 4.0 * wo.z)
     }
 
-    /// A direction of reflection, by the distribution of facets that `wo` sees (Dupuy and Benyoub,
+    /// Samples a reflected direction from the distribution of microfacets visible from `wo` (Dupuy and Benyoub,
     /// "Sampling visible GGX normals with spherical caps", 2023). It may point into the surface.
     pub fn sample(&self, wo: &Vector3<f32>, [u, v]: [f32; 2]) -> Vector3<f32> {
         let stretched = Vector3::new(self.alpha * wo.x, self.alpha * wo.y, wo.z).normalize();
@@ -56,17 +58,17 @@ impl Coat {
         half * (2.0 * wo.dot(&half)) - wo
     }
 
-    /// The share of light from a direction of height `z` that the coat reflects in all.
+    /// The share of the light from a direction with cosine `z` that the coat reflects in total.
     pub fn albedo(&self, z: f32) -> f32 {
         self.mix(TABLE.lookup(z, self.alpha))
     }
 
-    /// The mean of [`Self::albedo`] over a uniform sky.
+    /// The mean of [`Self::albedo`] under a uniform sky: weighted by the cosine.
     pub fn mean_albedo(&self) -> f32 {
         self.mix(TABLE.mean(self.alpha))
     }
 
-    /// The albedo is linear in both reflectances.
+    /// The albedo, which is linear in both reflectances, from those of [`Table`].
     fn mix(&self, [normal, grazing]: [f32; 2]) -> f32 {
         self.normal * normal + self.grazing * grazing
     }
@@ -76,14 +78,14 @@ impl Coat {
         self.normal * (1.0 - share) + self.grazing * share
     }
 
-    /// Density of microfacets' normals.
+    /// GGX density of the microfacets' normals.
     fn distribution(&self, half: &Vector3<f32>) -> f32 {
         let square = self.alpha * self.alpha;
         let base = half.x * half.x + half.y * half.y + square * half.z * half.z;
         square / (PI * base * base)
     }
 
-    /// Smith's Λ for a direction of height `z`.
+    /// Smith's Λ for a direction with cosine `z`.
     fn lambda(&self, z: f32) -> f32 {
         let tan_squared = (1.0 - z * z).max(0.0) / (z * z);
         0.5 * ((1.0 + self.alpha * self.alpha * tan_squared).sqrt() - 1.0)
@@ -97,15 +99,18 @@ fn schlick(cos: f32) -> f32 {
 
 static TABLE: LazyLock<Table> = LazyLock::new(Table::new);
 
-/// Directional albedos of coats with reflectance 1 at normal (first) and grazing (second) incidence
-/// alone, over height and the root of α, and their means over the hemisphere.
+/// Directional albedos of two coats: with reflectance 1 at normal incidence and 0 at grazing (first), and the
+/// reverse (second). The columns are cosines z, the rows are square roots of α; both go from 0 to 1.
 struct Table {
     albedos: Grid<[f32; 2]>,
+    /// The cosine-weighted mean of each row.
     means: Vec<[f32; 2]>,
 }
 
-/// Entries of the table in each direction, and directions that are integrated for one.
+/// Number of columns and of rows in the table.
 const ENTRIES: usize = 32;
+
+/// Number of directions over which an entry of the table is integrated.
 const DIRECTIONS: u32 = 512;
 
 impl Table {
@@ -131,7 +136,7 @@ impl Table {
     }
 }
 
-/// The entry below a coordinate in [0, 1], and how far it is from there to the next.
+/// The table index below a coordinate in [0, 1], and the fraction of the way from there to the next.
 fn cell(coordinate: f32) -> (usize, f32) {
     let position = coordinate.clamp(0.0, 1.0) * (ENTRIES - 1) as f32;
     let index = (position as usize).min(ENTRIES - 2);
@@ -142,7 +147,7 @@ fn lerp(a: [f32; 2], b: [f32; 2], t: f32) -> [f32; 2] {
     [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]
 }
 
-/// Albedos of a coat for light from height `z`.
+/// The two albedos of [`Table`] for light from a direction with cosine `z`; only the coat's α is used.
 fn integrate(z: f32, coat: Coat) -> [f32; 2] {
     let wo = around(z, 0.0);
     let mut sums = [0.0; 2];
@@ -160,7 +165,7 @@ fn integrate(z: f32, coat: Coat) -> [f32; 2] {
     sums.map(|sum| sum / DIRECTIONS as f32)
 }
 
-/// 2 ∫ albedo(z) z dz, exact for an albedo that is linear between the entries.
+/// 2 ∫ albedo(z) z dz over z from 0 to 1, exact for an albedo that is linear between the entries.
 fn cosine_mean(albedos: &[[f32; 2]]) -> [f32; 2] {
     let width = 1.0 / (ENTRIES - 1) as f32;
     let mut mean = [0.0; 2];
@@ -183,7 +188,7 @@ mod tests {
         [coat(0.04, 0.2), coat(0.04, 0.6), coat(1.0, 0.4), coat(0.5, 1.0)]
     }
 
-    /// Sums `value(direction, solid angle)` over the upper hemisphere.
+    /// The integral of `value(direction)` over the upper hemisphere.
     fn over_hemisphere(mut value: impl FnMut(&Vector3<f32>) -> f32) -> f32 {
         let (rows, columns) = (600, 600);
         let mut sum = 0.0_f64;

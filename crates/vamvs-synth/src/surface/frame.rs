@@ -1,4 +1,4 @@
-//! Directions around a surface's normal.
+//! Local directions: those relative to a surface's normal.
 
 use std::f32::consts::TAU;
 
@@ -35,7 +35,7 @@ impl Frame {
     }
 }
 
-/// A local direction by height and a number in [0, 1) for the angle.
+/// The local unit vector with z = `height` and an azimuth of `angle` (0 to 1) full turns.
 pub(crate) fn around(height: f32, angle: f32) -> Vector3<f32> {
     let radius = (1.0 - height * height).max(0.0).sqrt();
     let (sin, cos) = (TAU * angle).sin_cos();

@@ -1,4 +1,4 @@
-//! Points of surfaces as light meets them.
+//! Shading: the surface points that rays meet, and how they reflect light.
 
 mod coat;
 mod frame;
@@ -18,22 +18,23 @@ pub(crate) use frame::{Frame, around};
 use pyramid::Pyramid;
 pub(crate) use reflectance::{Reflectance, Split};
 
-/// The distance of a ray's start from its surface, as a share of the triangle's largest coordinate:
-/// some rounding errors.
+/// The distance at which rays start from their surface, as a share of the triangle's largest coordinate: a few
+/// rounding errors.
 const CLEARANCE: f32 = 1e-6;
 
-/// What is needed of an object to shade it.
+/// What is needed to shade an object.
 pub(crate) struct Skin {
     object: Object,
     texture: Arc<Pyramid>,
     coat: Option<Coat>,
+    /// The rotation only, for normals.
     world_from_object: Matrix3<f32>,
 }
 
 /// A point of a surface, seen from one side.
 pub(crate) struct Surface {
     position: Vector3<f32>,
-    /// The triangle's unit normal towards the viewer.
+    /// The triangle's unit normal in the world, on the viewer's side.
     pub out: Vector3<f32>,
     clearance: f32,
     frame: Frame,
@@ -42,7 +43,7 @@ pub(crate) struct Surface {
     pub reflectance: Reflectance,
 }
 
-/// The skins of a world's objects; equal textures are shared.
+/// The skins of a world's objects. Objects with the same texture (by address) share its pyramid.
 pub(crate) fn skins(world: &World) -> Vec<Skin> {
     let mut textures: HashMap<*const Grid<Rgb>, Arc<Pyramid>> = HashMap::new();
     let mut skin = |object: &Object| {
@@ -66,7 +67,7 @@ pub(crate) fn skins(world: &World) -> Vec<Skin> {
 }
 
 impl Skin {
-    /// The point that a ray meets; `width` is what one sample covers across the ray there.
+    /// The surface point that a ray meets; `width` is the width of the ray's footprint there, metres.
     pub fn surface(&self, ray: &Ray, meeting: &Meeting, width: f32) -> Surface {
         let [a, b, c] = &meeting.corners;
         let double_area = (b - a).cross(&(c - a));
@@ -86,7 +87,7 @@ impl Skin {
         }
     }
 
-    /// The interpolated normal, unless the viewer would see its back.
+    /// The interpolated normal, or the triangle's where the viewer would see the back of the interpolated one.
     fn shading_normal(
         &self,
         meeting: &Meeting,
@@ -105,7 +106,7 @@ impl Skin {
         colour.component_mul(&Vector3::from(self.object.material.tint)).map(|share| share.clamp(0.0, 1.0))
     }
 
-    /// Twice the area of the triangle in pixels of the texture.
+    /// Twice the area of the triangle in the texture, in pixels.
     fn texels_per_area(&self, meeting: &Meeting) -> f32 {
         let [a, b, c] = self.uvs(meeting);
         let ((ux, uy), (vx, vy)) = (((b - a).x, (b - a).y), ((c - a).x, (c - a).y));
@@ -126,7 +127,7 @@ impl Skin {
 }
 
 impl Surface {
-    /// A ray that leaves the surface; its start is a little off it, on the viewer's side.
+    /// A ray that leaves the surface; it starts slightly above it, on the viewer's side.
     pub fn leaving(&self, direction: Vector3<f32>) -> Ray {
         Ray { origin: self.position + self.out * self.clearance, direction }
     }
@@ -136,7 +137,7 @@ impl Surface {
         self.frame.normal()
     }
 
-    /// Reflected shares of light from `direction` in the world, by its solid angle, with the cosine.
+    /// The BRDF for light from `direction` (in the world) towards the viewer, times the cosine.
     pub fn reflected(&self, direction: &Vector3<f32>) -> Split {
         if self.out.dot(direction) <= 0.0 {
             return Split::default();
@@ -144,12 +145,12 @@ impl Surface {
         self.reflectance.reflected(&self.wo, &self.frame.local(direction))
     }
 
-    /// Density of [`Self::sample`] by solid angle.
+    /// Probability density of [`Self::sample`], by solid angle.
     pub fn density(&self, direction: &Vector3<f32>) -> f32 {
         self.reflectance.density(&self.wo, &self.frame.local(direction))
     }
 
-    /// A direction in the world that light to the viewer may come from; it may point into the surface.
+    /// Samples a direction in the world that light towards the viewer may come from; it may point into the surface.
     pub fn sample(&self, choice: f32, uv: [f32; 2]) -> Vector3<f32> {
         self.frame.world(&self.reflectance.sample(&self.wo, choice, uv)).normalize()
     }
@@ -159,7 +160,7 @@ fn weighted(weights: &[f32; 3], corners: &[Vector3<f32>; 3]) -> Vector3<f32> {
     corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2]
 }
 
-/// `normal` or its opposite, whichever is on the side of `side`; `side` itself if it has no direction.
+/// `normal` or its opposite, whichever is on the side of `side`; `side` itself if `normal` is NaN.
 fn towards(side: Vector3<f32>, normal: Vector3<f32>) -> Vector3<f32> {
     let cos = normal.dot(&side);
     if cos.is_nan() {

@@ -1,4 +1,4 @@
-//! Textures, looked up at the size they are seen at.
+//! Mipmaps: textures that are looked up at the size at which they are seen.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use vamvs_core::{Grid, Rgb, Size};
 
 use crate::colour::{linear, srgb};
 
-/// A texture and its halved versions, down to one pixel. It repeats.
+/// A texture and its versions at half the size, a quarter and so on, down to one pixel. It repeats.
 pub(crate) struct Pyramid {
     full: Arc<Grid<Rgb>>,
     halved: Vec<Grid<Rgb>>,
@@ -31,8 +31,8 @@ impl Pyramid {
         self.full.size()
     }
 
-    /// Linear colour at texture coordinates `uv`, for something as wide as `width` pixels of the
-    /// full texture: interpolated within and between the versions.
+    /// Linear colour at texture coordinates `uv`, averaged over a footprint of `width` pixels of the full texture:
+    /// interpolated within and between the versions (trilinear).
     pub fn colour(&self, uv: [f32; 2], width: f32) -> Vector3<f32> {
         let level = width.max(1.0).log2().min(self.halved.len() as f32);
         let (below, between) = (level as usize, level.fract());
@@ -45,7 +45,7 @@ impl Pyramid {
     }
 }
 
-/// The texture at half the size, by the mean light of its pixels.
+/// The texture at half the size (rounded up); each pixel is the mean of four, in linear light.
 fn half(texture: &Grid<Rgb>) -> Grid<Rgb> {
     let Size { width, height } = texture.size();
     let last = (width - 1, height - 1);

@@ -1,6 +1,6 @@
-//! How a point of a surface reflects light: a diffuse base under a specular coat. Together they never
-//! reflect more than they receive: the base gets what the coat lets through (Kelemen and Szirmay-Kalos,
-//! "A microfacet based coupled specular-matte BRDF model", 2001).
+//! The BRDF of a surface point: a diffuse base under a specular coat. The base gets only what the coat lets
+//! through, so that both together never reflect more than they receive (Kelemen and Szirmay-Kalos, "A microfacet
+//! based coupled specular-matte BRDF model", 2001).
 //!
 //! Directions are local and point away from the surface; z is the normal.
 
@@ -11,16 +11,16 @@ use nalgebra::Vector3;
 use super::coat::Coat;
 use crate::colour::luminance;
 
-/// The reflectance of a point of a surface.
+/// The reflectance of a surface point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reflectance {
     /// Linear diffuse albedo.
     pub albedo: Vector3<f32>,
-    /// `None` if perfectly matt.
+    /// The specular coat; `None` if the surface is perfectly matt.
     pub coat: Option<Coat>,
 }
 
-/// Light by the way it was reflected.
+/// Light, or a share of it, split by how it was reflected.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Split {
     pub diffuse: Vector3<f32>,
@@ -37,14 +37,14 @@ impl Split {
         self.specular += other.specular;
     }
 
-    /// Both parts through `factor`.
+    /// Both parts times `factor`, per colour channel.
     pub fn filtered(&self, factor: &Vector3<f32>) -> Self {
         Self { diffuse: self.diffuse.component_mul(factor), specular: self.specular.component_mul(factor) }
     }
 }
 
 impl Reflectance {
-    /// Reflected shares of the light from `wi` towards `wo` by solid angle of `wi`, with the cosine.
+    /// The BRDF for light from `wi` towards `wo`, times the cosine of `wi`; 0 below the surface.
     pub fn reflected(&self, wo: &Vector3<f32>, wi: &Vector3<f32>) -> Split {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return Split::default();
@@ -56,7 +56,7 @@ impl Reflectance {
         Split { diffuse: diffuse * through, specular: Vector3::repeat(coat.reflected(wo, wi)) }
     }
 
-    /// Density of [`Self::sample`] by solid angle of `wi`.
+    /// Probability density of [`Self::sample`], by solid angle of `wi`.
     pub fn density(&self, wo: &Vector3<f32>, wi: &Vector3<f32>) -> f32 {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return 0.0;
@@ -66,8 +66,8 @@ impl Reflectance {
         by_coat + (1.0 - specular) * FRAC_1_PI * wi.z
     }
 
-    /// A direction that light towards `wo` may come from, about in proportion to what is reflected;
-    /// `choice` and `uv` are numbers in [0, 1). It may point into the surface.
+    /// Samples a direction that light towards `wo` may come from, roughly in proportion to what is reflected;
+    /// `choice` and `uv` are numbers in [0, 1). The direction may point into the surface.
     pub fn sample(&self, wo: &Vector3<f32>, choice: f32, uv: [f32; 2]) -> Vector3<f32> {
         match self.coat {
             Some(coat) if choice < self.specular_share(wo) => coat.sample(wo, uv),
@@ -75,7 +75,7 @@ impl Reflectance {
         }
     }
 
-    /// The share of directions that are sampled for the coat.
+    /// The probability with which [`Self::sample`] samples the coat.
     fn specular_share(&self, wo: &Vector3<f32>) -> f32 {
         let Some(coat) = self.coat else { return 0.0 };
         let specular = coat.albedo(wo.z);
@@ -84,7 +84,7 @@ impl Reflectance {
     }
 }
 
-/// A direction by the cosine with the normal.
+/// Samples a direction in proportion to its cosine with the normal.
 fn cosine([u, v]: [f32; 2]) -> Vector3<f32> {
     let (sin, cos) = (TAU * u).sin_cos();
     Vector3::new(v.sqrt() * cos, v.sqrt() * sin, (1.0 - v).sqrt())
@@ -104,7 +104,7 @@ mod tests {
         Reflectance { albedo: colour::linear([255; 3]).into(), coat: Coat::of(&material) }
     }
 
-    /// A white surface in a white sky is white: what the coat does not reflect, the base does.
+    /// A white surface in a white sky is white: the base reflects what the coat does not.
     #[test]
     fn white_surfaces_reflect_all_light_once() {
         for (specular, roughness) in [(0.0, 0.5), (0.04, 0.1), (0.04, 0.5), (0.5, 0.3), (0.9, 0.9)] {

@@ -1,9 +1,9 @@
-//! Every triangle tested against a ray in double precision (Möller and Trumbore).
+//! Brute-force ray casting: a ray is tested against every triangle in double precision (Möller and Trumbore).
 
 use nalgebra::{Point3, Vector3};
 use vamvs_synth::World;
 
-/// The parameter and the object of the first triangle that `origin + t · direction` meets.
+/// The parameter t and the object index of the first triangle that `origin + t · direction` meets.
 pub fn first_hit(world: &World, origin: &Vector3<f64>, direction: &Vector3<f64>) -> Option<(f64, usize)> {
     let hits = world.objects.iter().enumerate().flat_map(|(index, object)| {
         object.mesh.triangles.iter().filter_map(move |triangle| {

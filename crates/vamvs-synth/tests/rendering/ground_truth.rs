@@ -1,4 +1,4 @@
-//! Depth, ids and normals.
+//! Ground truth: depth, ids and normals.
 
 use nalgebra::{Vector2, Vector3};
 use vamvs_core::{Pinhole, Pose, Size};
@@ -7,7 +7,7 @@ use vamvs_synth::{Tracer, primitive};
 use crate::brute_force::first_hit;
 use crate::worlds::{matt, object, pixels, still_life, uniform_sky, view, world};
 
-/// The world's ray through a pixel's centre; its parameter is the depth.
+/// The ray in the world through a pixel's centre, as (origin, direction); its parameter is the depth.
 fn central_ray(camera: &Pinhole, pose: &Pose, (x, y): (usize, usize)) -> (Vector3<f64>, Vector3<f64>) {
     let in_cam = camera.intrinsics.ray(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5));
     (pose.centre(), pose.inverse().rotation * in_cam)
@@ -45,7 +45,7 @@ fn a_fine_sphere_has_the_depth_of_a_sphere_and_no_cracks() {
         let closest = to_centre.dot(&direction) / direction.norm_squared();
         let square = 1.0 - (to_centre - direction * closest).norm_squared();
         assert_eq!(ground_truth.id[at] == 1, square > 0.0 || ground_truth.depth[at] > 0.0, "{at:?}");
-        // Within the silhouette of the triangles, the front is met, never the back.
+        // Inside the silhouette, rays meet the front of the sphere, never its back.
         if square > 2e-4 {
             assert!(
                 f64::from(ground_truth.depth[at]) > 0.0 && f64::from(ground_truth.depth[at]) < closest,
@@ -83,7 +83,7 @@ fn depth_and_ids_are_those_of_brute_force_at_every_scale() {
                 && (f64::from(ground_truth.depth[at]) - expected.0).abs() <= 1e-6 * expected.0;
             off += usize::from(!same);
         }
-        // A ray along an edge may meet the one triangle or the other.
+        // A ray along an edge may meet either triangle.
         assert!(off <= 1, "{off} pixels at scale {scale}");
     }
 }

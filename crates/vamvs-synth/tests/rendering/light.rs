@@ -1,4 +1,4 @@
-//! Radiance.
+//! The radiance of rendered views.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ fn shoot(world: &World, view: &(Pinhole, Pose), options: &RenderOptions, seed: u
     Tracer::new(world).shoot(&view.0, &view.1, options, seed)
 }
 
-/// Green light of the pixels that show a surface.
+/// Green radiance of the pixels that show a surface.
 fn of_surfaces(shot: &Shot) -> impl Iterator<Item = f64> + '_ {
     let pixels = shot.radiance.data().iter().zip(shot.ground_truth.id.data());
     pixels.filter(|&(_, &id)| id > 0).map(|(light, _)| f64::from(light[1]))
@@ -42,7 +42,7 @@ fn white_things(material: &Material) -> Vec<Object> {
     things
 }
 
-/// The white furnace: white things in a white sky cannot be distinguished from it.
+/// White furnace test: white things in a white sky cannot be distinguished from it.
 #[test]
 fn white_things_vanish_in_a_white_sky() {
     let camera = view(Size::new(48, 36), [2.0, -2.5, 1.6], [0.0, 0.0, 0.3]);
@@ -50,7 +50,7 @@ fn white_things_vanish_in_a_white_sky() {
         shoot(&world(white_things(&matt(WHITE)), uniform_sky(1.0), vec![]), &camera, &noisy(128, 200), 1);
     let light = mean(of_surfaces(&shot));
     assert!((light - 1.0).abs() < 3e-3, "{light}");
-    // Groups of pixels, so that noise is small.
+    // Means over groups of rows, so that noise is small.
     for rows in shot.radiance.data().chunks(48 * 4) {
         let light = mean(rows.iter().map(|light| f64::from(light[0])));
         assert!((light - 1.0).abs() < 0.02, "{light}");
@@ -68,7 +68,7 @@ fn coats_gain_no_energy() {
     }
 }
 
-/// Interreflections, coats, a lamp, and a sky with a bright spot.
+/// A world with interreflections, coats, a lamp, and a sky with a bright spot.
 fn lively_world() -> World {
     let mut things = still_life();
     things[1].material = Material { specular: 0.5, roughness: 0.2, ..matt([200, 150, 60]) };
@@ -78,7 +78,7 @@ fn lively_world() -> World {
     world(things, sky, vec![lamp([0.0, 0.5, 2.0], 0.3, 6.0)])
 }
 
-/// Few paths a pixel are noisy, but on the average they tell the same light as many.
+/// A few paths per pixel are noisy, but on average give the same radiance as many.
 #[test]
 fn the_mean_of_noisy_renders_is_the_light_of_a_fine_one() {
     let camera = view(Size::new(32, 24), [2.0, -2.5, 1.6], [0.0, 0.0, 0.3]);
@@ -146,7 +146,7 @@ fn photographs_do_not_depend_on_the_number_of_threads() {
     assert_ne!(one.radiance, other_seed.radiance);
 }
 
-/// Noise goes, texture and light stay.
+/// Denoising removes noise, and keeps textures and brightness.
 #[test]
 fn denoising_comes_closer_to_a_fine_render() {
     let camera = view(Size::new(96, 72), [2.0, -2.5, 1.6], [0.0, 0.0, 0.3]);
@@ -157,7 +157,7 @@ fn denoising_comes_closer_to_a_fine_render() {
     let tracer = Tracer::new(&lively);
     let render = |options, seed| tracer.shoot(&camera.0, &camera.1, &options, seed).radiance;
     let fine = render(noisy(512, 6), 1);
-    // As a photograph shows it: highlights are white.
+    // Clipped, as in a photograph: highlights are white.
     let error = |light: &Grid<[f32; 3]>| {
         let shown = light.data().iter().zip(fine.data()).map(|(a, b)| a[1].min(1.0) - b[1].min(1.0));
         mean(shown.map(|difference| f64::from(difference).powi(2))).sqrt()
@@ -166,6 +166,6 @@ fn denoising_comes_closer_to_a_fine_render() {
     assert!(clean < 0.5 * raw, "noisy {raw}, denoised {clean}");
     let light = |image: &Grid<[f32; 3]>| mean(image.data().iter().map(|light| f64::from(light[1].min(1.0))));
     let kept = light(&render(RenderOptions::default(), 2)) / light(&fine);
-    // Rare bright paths lose a part of their light.
+    // Fireflies lose part of their light.
     assert!((kept - 1.0).abs() < 0.04, "{kept}");
 }

@@ -1,4 +1,4 @@
-//! What the tracer gives, compared with analytic surfaces, brute force, closed forms.
+//! The tracer's results, compared with analytic surfaces, brute-force ray casting and closed forms.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up has failed")]
 

@@ -1,4 +1,4 @@
-//! What one view sees of another's surfaces.
+//! Visibility of one view's surface points in another view.
 
 use nalgebra::{Vector2, Vector3};
 use vamvs_core::{Grid, Pinhole, Pose, Size, Visibility};
@@ -65,7 +65,7 @@ fn masks_are_those_of_brute_force() {
     );
 }
 
-/// Depth of a view at image coordinates, if all around is one even surface.
+/// Depth of a view at image coordinates, interpolated; `None` unless the pixels around show one plane of one object.
 fn depth_between(view: &Seen, pixel: &Vector2<f64>) -> Option<f64> {
     let (x, y) = (pixel.x - 0.5, pixel.y - 0.5);
     let (left, top) = (x.floor(), y.floor());
@@ -85,8 +85,8 @@ fn depth_between(view: &Seen, pixel: &Vector2<f64>) -> Option<f64> {
     Some(1.0 / ((1.0 - t) * along(0) + t * along(1)))
 }
 
-/// The depth of one view, carried into another, is the depth there where the mask says visible, and
-/// farther than it where the mask says occluded.
+/// A pixel's surface point, transformed into another view, has the depth of that view where the mask says visible,
+/// and is farther away where the mask says occluded.
 #[test]
 fn carried_depth_agrees_where_visible_and_never_where_occluded() {
     let (_, tracer, views) = scene(Size::new(320, 240));

@@ -17,20 +17,20 @@ pub fn matt(colour: Rgb) -> Material {
     }
 }
 
-/// A mesh at a place, turned and scaled.
+/// An object at `place`, rotated by the axis-angle vector `turn` (radians) and scaled.
 pub fn object(mesh: Mesh, material: Material, place: [f64; 3], turn: [f64; 3], scale: f64) -> Object {
     let rotation = UnitQuaternion::from_scaled_axis(Vector3::from(turn));
     let world_from_object = Similarity3::from_parts(Vector3::from(place).into(), rotation, scale);
     Object { mesh: Arc::new(mesh), material, world_from_object }
 }
 
-/// The same radiance from everywhere.
+/// A sky with the same radiance in all directions.
 pub fn uniform_sky(radiance: f32) -> Environment {
     let map = Arc::new(Grid::filled(Size::new(1, 1), [1.0; 3]));
     Environment { map, rotation: 0.0, strength: radiance }
 }
 
-/// A square lamp of side `2 · half` that shines down.
+/// A square lamp of side 2 · `half` that shines downwards.
 pub fn lamp(centre: [f64; 3], half: f64, radiance: f32) -> Lamp {
     Lamp {
         centre: centre.into(),
@@ -40,12 +40,11 @@ pub fn lamp(centre: [f64; 3], half: f64, radiance: f32) -> Lamp {
     }
 }
 
-/// Objects under a sky.
 pub fn world(objects: Vec<Object>, environment: Environment, lamps: Vec<Lamp>) -> World {
     World { objects, environment, lamps }
 }
 
-/// Things on a floor, of few triangles, some before others.
+/// A few objects of few triangles on a floor, some in front of others. The floor is object 0.
 pub fn still_life() -> Vec<Object> {
     let grey = || matt([188; 3]);
     vec![
@@ -56,7 +55,7 @@ pub fn still_life() -> Vec<Object> {
     ]
 }
 
-/// A camera of 60 degrees that looks from `eye` at `target`.
+/// A camera with a horizontal field of view of 60 degrees that looks from `eye` at `target`.
 pub fn view(size: Size, eye: [f64; 3], target: [f64; 3]) -> (Pinhole, Pose) {
     let focal = 0.87 * size.width as f64;
     let (cx, cy) = (0.5 * size.width as f64, 0.5 * size.height as f64);
@@ -64,7 +63,7 @@ pub fn view(size: Size, eye: [f64; 3], target: [f64; 3]) -> (Pinhole, Pose) {
     (Pinhole { size, intrinsics }, Pose::look_at(&eye.into(), &target.into(), &Vector3::z()))
 }
 
-/// All pixels of a raster.
+/// All pixels (x, y) of an image, row by row.
 pub fn pixels(size: Size) -> impl Iterator<Item = (usize, usize)> {
     (0..size.height).flat_map(move |y| (0..size.width).map(move |x| (x, y)))
 }

@@ -1,4 +1,4 @@
-//! The layouts in which scenes with true depth come.
+//! The supported layouts of scenes with ground-truth depth.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -10,20 +10,20 @@ use vamvs_io::{IoError, image, mvsnet};
 use super::{TrainingScene, TrainingView, required};
 use crate::TrainError;
 
-/// Source views kept of each reference.
+/// The most source views kept for each reference view.
 const SOURCES: usize = 10;
 
-/// Folders of a scene: images, depths.
+/// The folders of images and depths in a scene's folder.
 const SCENES: [(&str, &str); 2] = [
     ("images", "depths"),                      // `vamvs synth`
     ("blended_images", "rendered_depth_maps"), // BlendedMVS
 ];
 
-/// DTU's training set has 49 views in 7 lights, and its cameras are those of images at 1/4.
+/// In DTU's training set each view was taken in 7 lights, and the cameras are those of images at 1/4.
 const DTU_LIGHTS: usize = 7;
 const DTU_CAMERA_SCALE: f64 = 4.0;
 
-/// The scene that `folder` is, or those in it.
+/// The scene in `folder` itself, or the scenes in its subfolders.
 pub fn scenes(folder: &Path) -> Result<Vec<TrainingScene>, TrainError> {
     if let Some(scene) = scene(folder)? {
         return Ok(vec![scene]);
@@ -35,7 +35,7 @@ pub fn scenes(folder: &Path) -> Result<Vec<TrainingScene>, TrainError> {
     Ok(found.into_iter().flatten().collect())
 }
 
-/// The folders in a folder, by name.
+/// The subfolders of a folder, sorted by name.
 fn subfolders(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
     let system = |source| TrainError::Io(IoError::System { action: "list", path: folder.to_owned(), source });
     let mut found = Vec::new();
@@ -49,7 +49,7 @@ fn subfolders(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
     Ok(found)
 }
 
-/// The scene that a folder is, if it is one.
+/// Reads the folder as one scene; `None` if it does not have the folders of a scene.
 fn scene(folder: &Path) -> Result<Option<TrainingScene>, TrainError> {
     let is_scene = |(images, depths): &&(&str, &str)| {
         folder.join(images).is_dir() && folder.join(depths).is_dir() && folder.join("cams").is_dir()
@@ -60,13 +60,13 @@ fn scene(folder: &Path) -> Result<Option<TrainingScene>, TrainError> {
     let files = |name: &str| {
         let stem = Path::new(name).with_extension("");
         let visibility = folder.join("visibility").join(stem.with_extension("png"));
-        let depth = required(depths.join(stem.with_extension("pfm")), "true depth", folder)?;
+        let depth = required(depths.join(stem.with_extension("pfm")), "depth map", folder)?;
         Ok((images.join(name), depth, visibility.is_file().then_some(visibility)))
     };
     training_scene(folder, &loaded.scene, files).map(Some)
 }
 
-/// A scene from its views and their files: image, depth, visibility.
+/// A training scene from views and the files of each: image, depth, visibility.
 fn training_scene(
     folder: &Path,
     scene: &Scene,
@@ -88,9 +88,9 @@ fn training_scene(
     })
 }
 
-/// DTU's training set as MVSNet's authors prepared it, each scan in each light a scene:
-/// `Cameras/train/0000000N_cam.txt`, `Cameras/pair.txt`, `Rectified/scanS_train/rect_NNN_L_r5000.png` with
-/// N counted from 1, `Depths/scanS_train/depth_map_000N.pfm`.
+/// DTU's training set as prepared by MVSNet's authors. Each scan in each light is a scene. The files are
+/// `Cameras/train/0000000N_cam.txt`, `Cameras/pair.txt`, `Rectified/scanS_train/rect_NNN_L_r5000.png` with N counted
+/// from 1, and `Depths/scanS_train/depth_map_000N.pfm` with N counted from 0.
 fn dtu(folder: &Path) -> Result<Vec<TrainingScene>, TrainError> {
     let mut found = Vec::new();
     for scan in subfolders(&folder.join("Rectified"))? {
@@ -118,7 +118,7 @@ fn dtu_scene(folder: &Path, scan: &Path, light: usize) -> Result<TrainingScene, 
         views.push(TrainingView {
             camera: Pinhole { size: image::stored_size(&image)?, intrinsics },
             image,
-            depth: required(depth, "true depth", folder)?,
+            depth: required(depth, "depth map", folder)?,
             visibility: None,
             cam_from_world: cam.cam_from_world,
         });

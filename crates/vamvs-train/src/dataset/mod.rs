@@ -1,4 +1,4 @@
-//! Scenes with true depth: where their files are, and what is known of their views.
+//! Scenes with ground-truth depth: their files, cameras and source views.
 
 mod layout;
 
@@ -13,50 +13,50 @@ use crate::TrainError;
 pub struct TrainingView {
     /// The photograph.
     pub image: PathBuf,
-    /// The true depth, PFM, of any size that shows the same as the photograph.
+    /// The ground-truth depth, a PFM file. It may have another size than the photograph, but has its field of view.
     pub depth: PathBuf,
-    /// The visibility in all views of the scene (see [`vamvs_io::visibility`]), if there is one.
+    /// The visibility in all views of the scene (see [`vamvs_io::visibility`]), if the scene has it.
     pub visibility: Option<PathBuf>,
     /// The photograph's camera.
     pub camera: Pinhole,
-    /// Its pose.
+    /// The camera's pose.
     pub cam_from_world: Pose,
 }
 
-/// A scene.
+/// A scene with ground truth.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingScene {
     /// The folder's name, for messages.
     pub name: String,
     /// The views.
     pub views: Vec<TrainingView>,
-    /// For each view those that overlap with it, best first; views without any are no references.
+    /// For each view, its source views, best first. A view without source views is not used as a reference view.
     pub sources: Vec<Vec<Source>>,
 }
 
-/// Scenes to train or to validate with.
+/// Scenes for training or validation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dataset {
-    /// The scenes, in the order of their names.
+    /// The scenes: folder by folder, and within a folder by name.
     pub scenes: Vec<TrainingScene>,
 }
 
 impl Dataset {
-    /// Finds the scenes in folders, each of which is one itself or holds some.
+    /// Finds the scenes in folders. Each folder is a scene or contains scenes.
     ///
     /// # Errors
-    /// If a folder holds no scene, none of its views overlap, or a scene's files are missing or malformed.
+    /// If a folder contains no scene, none of its views has source views, or a scene's files are missing or malformed.
     pub fn open(folders: &[PathBuf]) -> Result<Self, TrainError> {
         let mut scenes = Vec::new();
         for folder in folders {
             let found = layout::scenes(folder)?;
             if found.is_empty() {
-                let problem = "no scene with true depths in it".to_owned();
+                let problem = "no scene with ground-truth depths in it".to_owned();
                 return Err(TrainError::NoScenes { folder: folder.clone(), problem });
             }
             if found.iter().flat_map(|scene| &scene.sources).all(Vec::is_empty) {
                 let problem =
-                    "expected views that overlap (two at least, with sources in pair.txt), found none";
+                    "expected at least two overlapping views (with source views in pair.txt), found none";
                 return Err(TrainError::NoScenes { folder: folder.clone(), problem: problem.to_owned() });
             }
             scenes.extend(found);
@@ -64,7 +64,7 @@ impl Dataset {
         Ok(Self { scenes })
     }
 
-    /// All views with sources, as pairs of a scene's and a view's index.
+    /// All views that have source views, as pairs (index of the scene, index of the view).
     #[must_use]
     pub fn references(&self) -> Vec<(usize, usize)> {
         let of_scene = |(index, scene): (usize, &TrainingScene)| {
@@ -76,7 +76,7 @@ impl Dataset {
     }
 }
 
-/// A file that must be there.
+/// The path of a file, or an error if it does not exist.
 fn required(path: PathBuf, what: &str, scene: &Path) -> Result<PathBuf, TrainError> {
     if path.is_file() {
         return Ok(path);

@@ -1,4 +1,5 @@
-//! What stands out from a wall: sills, pediments, ledges, columns, stones, roundels.
+//! Ornaments that project from a façade: sills, pediments, ledges, columns, quoins, roundels; and things in
+//! front of it.
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
@@ -12,15 +13,15 @@ use crate::assets::{AssetError, Look};
 use crate::layout::set::Set;
 use crate::primitive::{Opening, blob, extrusion, lathe, rounded_cuboid, torus};
 
-/// What a house has.
+/// Which ornaments a house has.
 pub(super) struct Taste {
-    /// Frames of this width around openings, if any, metres.
+    /// Width of the frames around openings, if there are any, metres.
     surround: Option<f64>,
     pediments: bool,
     columns: bool,
     stones: bool,
     roundels: bool,
-    /// How far ledges stand out, metres.
+    /// How far ledges project, metres.
     ledge: f64,
 }
 
@@ -37,7 +38,7 @@ impl Taste {
     }
 }
 
-/// Sill, surround and pediment of an opening.
+/// Adds the sill, surround and pediment of an opening.
 pub(super) fn around(set: &mut Set, opening: &Opening, palette: &Palette, taste: &Taste, is_door: bool) {
     let [x, z] = [opening.x, opening.z].map(|ends| ends.map(f64::from));
     let (middle, width) = (0.5 * (x[0] + x[1]), x[1] - x[0]);
@@ -59,17 +60,17 @@ pub(super) fn around(set: &mut Set, opening: &Opening, palette: &Palette, taste:
     }
 }
 
-/// A gable over an opening, its lower edge at `[x, z]`.
+/// A triangular gable over an opening; the middle of its lower edge is at `[x, z]`.
 fn pediment(set: &mut Set, [x, z]: [f64; 2], width: f64, palette: &Palette, taste: &Taste) {
     let (half, height, thick) = (0.5 * width as f32, 0.22 * width as f32, 0.8 * taste.ledge as f32);
-    // Seen from the front the triangle lies in the plane of extrusion: turn x to −y.
+    // The extrusion runs along x; turning x to −y makes the triangle face the front.
     let gable = extrusion(&[[-half, 0.0], [half, 0.0], [0.0, height]], thick);
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -FRAC_PI_2);
     let centre = Translation3::new(x, -0.5 * f64::from(thick) + 0.01, z);
     set.place(Arc::new(gable), &palette.trim, Isometry3::from_parts(centre, turn));
 }
 
-/// Plinth, ledges between storeys, cornice, columns between bays.
+/// Adds the plinth, the ledges between storeys, the cornice, and the ornaments between bays.
 pub(super) fn along(set: &mut Set, plan: &Plan, palette: &Palette, taste: &Taste) {
     let length = plan.width() + 2.0 * plan.bay;
     slab(set, [length, 0.12, 0.35], &Vector3::new(0.0, 0.0, 0.175), &palette.trim);
@@ -92,7 +93,7 @@ pub(super) fn along(set: &mut Set, plan: &Plan, palette: &Palette, taste: &Taste
     }
 }
 
-/// A ledge of `length` along x, from height 0 to `height`, that stands out by `reach`: a face, a
+/// A ledge of `length` along x, from height 0 to `height`, that projects by `reach`. Its profile has a flat face, a
 /// hollow and a step.
 fn moulding(reach: f64, height: f64, length: f64) -> crate::Mesh {
     let (reach, height) = (reach as f32, height as f32);
@@ -106,7 +107,7 @@ fn moulding(reach: f64, height: f64, length: f64) -> crate::Mesh {
     extrusion(&profile, length as f32)
 }
 
-/// A column that leans against the wall over all storeys.
+/// A column over all storeys, partly embedded in the wall.
 fn column(set: &mut Set, x: f64, plan: &Plan, palette: &Palette) {
     let (r, h) = (0.09 * plan.bay as f32, (plan.height() - 0.35) as f32);
     let base = [[0.0, 0.0], [1.4 * r, 0.0], [1.4 * r, 0.6 * r], [1.25 * r, 0.9 * r], [1.1 * r, 1.2 * r]];
@@ -116,7 +117,7 @@ fn column(set: &mut Set, x: f64, plan: &Plan, palette: &Palette) {
     place(set, lathe(&profile, 48), &Vector3::new(x, -0.4 * f64::from(r), 0.35), &palette.trim);
 }
 
-/// Long and short stones in turn at the wall's end.
+/// Quoins: long and short stones in alternation at one end of the wall.
 fn stones(set: &mut Set, x: f64, plan: &Plan, palette: &Palette) {
     let height = 0.3;
     for index in 0..(plan.height() / height) as usize {
@@ -127,7 +128,7 @@ fn stones(set: &mut Set, x: f64, plan: &Plan, palette: &Palette) {
     }
 }
 
-/// A ring around a boss, between the windows of the top storey.
+/// A ring around a round boss, between the windows of the top storey.
 fn roundel(set: &mut Set, x: f64, plan: &Plan, palette: &Palette) {
     let radius = 0.1 * plan.bay;
     let place = Translation3::new(x, 0.0, plan.height() - 0.45 * plan.storey);
@@ -138,7 +139,7 @@ fn roundel(set: &mut Set, x: f64, plan: &Plan, palette: &Palette) {
     set.place(Arc::new(boss), &palette.trim, Isometry3::from_parts(place, turn));
 }
 
-/// Bushes, stones and boxes before the wall.
+/// Adds bushes and boxes in front of the wall.
 pub(super) fn before(set: &mut Set, plan: &Plan) -> Result<(), AssetError> {
     for _ in 0..set.rng.random_range(2..7) {
         let size = set.rng.random_range(0.2..0.5_f64);

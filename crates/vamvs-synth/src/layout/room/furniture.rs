@@ -1,4 +1,4 @@
-//! Cabinets, shelves, seats and tables of boxes, and pictures on the walls.
+//! Cabinets, shelves, seats and tables, all made of boxes, and pictures on the walls.
 
 use nalgebra::Vector3;
 use rand::RngExt;
@@ -16,7 +16,7 @@ pub(super) enum Wall {
 }
 
 impl Wall {
-    /// A point `along` the wall from the corner, `out` from it, at height `z`.
+    /// The world point at distance `along` the wall from the corner, at distance `out` from the wall, at height `z`.
     fn point(self, along: f64, out: f64, z: f64) -> Vector3<f64> {
         match self {
             Self::AlongX => Vector3::new(along, out, z),
@@ -28,7 +28,7 @@ impl Wall {
         self.point(along, out, z).into()
     }
 
-    /// A box against the wall: `along` from and to, `out` from and to, `z` from and to.
+    /// Places a box; `along`, `out` and `z` are its ranges in the coordinates of [`Self::point`].
     fn block(self, set: &mut Set, [along, out, z]: [[f64; 2]; 3], material: &Material) {
         let (middle, side) = (|[a, b]: [f64; 2]| 0.5 * (a + b), |[a, b]: [f64; 2]| b - a);
         let size = self.size(side(along), side(out), side(z));
@@ -36,10 +36,10 @@ impl Wall {
     }
 }
 
-/// Stands furniture along a wall; returns the middles (x, y) of places to put things on.
+/// Places furniture along a wall; returns the middle (x, y) of each piece, for things to be dropped on.
 pub(super) fn stand_along(set: &mut Set, wall: Wall) -> Result<Vec<[f64; 2]>, AssetError> {
     let mut tops = Vec::new();
-    // The corner itself belongs to the first wall.
+    // Only the first wall's furniture may reach into the corner.
     let mut along = if wall == Wall::AlongX { 0.05 } else { 0.75 };
     along += set.rng.random_range(0.0..0.4);
     while along < 0.6 * LENGTH {
@@ -80,7 +80,7 @@ fn cabinet(set: &mut Set, wall: Wall, along: [f64; 2], depth: f64) -> Result<(),
     Ok(())
 }
 
-/// Sides and boards, with books on most boards.
+/// A shelf with books on most of its boards.
 fn shelf(set: &mut Set, wall: Wall, along: [f64; 2], depth: f64) -> Result<(), AssetError> {
     let wood = set.material(Look::Any, 0.6)?;
     let covers =
@@ -119,7 +119,7 @@ fn books(set: &mut Set, wall: Wall, along: [f64; 2], z: f64, covers: &[Material]
     }
 }
 
-/// A bench with a back and cushions.
+/// A bench with a back and two cushions.
 fn seat(set: &mut Set, wall: Wall, along: [f64; 2], depth: f64) -> Result<(), AssetError> {
     let (cloth, cushion) = (set.material(Look::Any, 0.5)?, set.material(Look::Any, 0.5)?);
     let height = set.rng.random_range(0.35..0.5);
@@ -132,7 +132,7 @@ fn seat(set: &mut Set, wall: Wall, along: [f64; 2], depth: f64) -> Result<(), As
     Ok(())
 }
 
-/// A table on four legs before the corner; returns its middle (x, y).
+/// Places a table with four legs in front of the corner; returns its middle (x, y).
 pub(super) fn add_table(set: &mut Set) -> Result<[f64; 2], AssetError> {
     let wood = set.material(Look::Any, 0.7)?;
     let size = [set.rng.random_range(0.5..1.0), set.rng.random_range(0.4..0.8)];
@@ -148,7 +148,7 @@ pub(super) fn add_table(set: &mut Set) -> Result<[f64; 2], AssetError> {
     Ok(centre)
 }
 
-/// Framed pictures over the furniture.
+/// Hangs up to three framed pictures on a wall, at least 1.3 m above the floor.
 pub(super) fn hang_pictures(set: &mut Set, wall: Wall) -> Result<(), AssetError> {
     let frame = set.material(Look::Any, 0.4)?;
     let mut along = 0.2 + set.rng.random_range(0.0..0.5);
