@@ -3,6 +3,7 @@
 mod aerial;
 mod convert;
 mod demo;
+mod files;
 mod frames;
 mod maps;
 mod paper;
