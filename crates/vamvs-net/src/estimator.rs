@@ -16,7 +16,7 @@ use crate::post_process::{completed, upsampled};
 use crate::profile::{Profile, Stage};
 use crate::project::depth_of;
 use crate::tensor_grid::to_grid;
-use crate::{EncodedView, Iteration, NetError, Network};
+use crate::{Device, EncodedView, Iteration, NetError, Network};
 
 /// How depth maps are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -67,16 +67,22 @@ const WAITING: usize = 2;
 /// What the flow takes for each point, as a multiple of its channels.
 const POINTS: usize = 4;
 
+/// Slabs and strips on a processor, whose caches hold a part of them, and on a GPU, which is idle while it begins the
+/// next one.
+const SLAB_BYTES: [usize; 2] = [32 << 20, 256 << 20];
+const STRIP_POINTS: [usize; 2] = [200_000, 2_000_000];
+
 impl EstimatorOptions {
-    /// A network's own defaults.
+    /// A network's own defaults, with slabs and strips for the device that it is on.
     #[must_use]
     pub fn of(network: &Network) -> Self {
+        let on_gpu = usize::from(network.device() != Device::Cpu);
         Self {
             iterations: network.iterations(),
             completion: network.manifest().completion,
             guide: network.manifest().guide,
-            slab_bytes: 32 << 20,
-            strip_points: 200_000,
+            slab_bytes: SLAB_BYTES[on_gpu],
+            strip_points: STRIP_POINTS[on_gpu],
         }
     }
 
