@@ -38,8 +38,12 @@ impl Wheel {
 
 /// Tests the package as it is in the repository, with the libtorch of [`setup`] in the place of torch's.
 pub fn test() -> Result<()> {
-    // All of the workspace, as the tests before: alone the package would have its dependencies with other features.
-    run("build the Python package", &mut cargo(&["build", "--workspace"]))?;
+    // All of the workspace, and examples, which use development dependencies as the tests do: anything less would have
+    // its dependencies with other features, and compile most of them again.
+    run(
+        "build the Python package",
+        &mut cargo(&["build", "--workspace", "--lib", "--bins", "--examples"]),
+    )?;
     let site = target()?.join("python-site");
     pip::install(&["numpy>=1.24,<3", "pytest>=8,<10"], &site, "200 MB")?;
     assemble(&site)?;
