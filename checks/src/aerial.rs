@@ -12,6 +12,7 @@ use vamvs_core::{Camera, Grid, Intrinsics, Lens, Pose, Rgb, Scene, Size, SparseP
 use vamvs_io::colmap::Model;
 use vamvs_io::image;
 
+use crate::files::save;
 use crate::vamvs::{Taken, binary, measured_lines};
 
 /// Height of the cameras above the mean ground (z = 0), scene units.
@@ -108,10 +109,10 @@ impl Aerial {
         let (rendered, plain) = nearest.split_at(self.rendered.min(nearest.len()));
         for view in rendered {
             let photograph = photograph(view);
-            fs::write(images.join(&view.name), image::jpeg_rgb(&photograph, 92))?;
+            save(&images.join(&view.name), image::jpeg_rgb(&photograph, 92))?;
         }
         let grey = self.folder.join("grey.jpg");
-        fs::write(&grey, image::jpeg_rgb(&Grid::filled(self.size, [128; 3]), 92))?;
+        save(&grey, image::jpeg_rgb(&Grid::filled(self.size, [128; 3]), 92))?;
         for view in plain {
             fs::hard_link(&grey, images.join(&view.name))
                 .with_context(|| format!("linking {}", view.name))?;

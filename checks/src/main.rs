@@ -4,6 +4,7 @@
 mod aerial;
 mod convert;
 mod demo;
+mod files;
 mod frames;
 mod maps;
 mod paper;

@@ -38,9 +38,12 @@ impl Wheel {
 
 /// Tests the package as it is in the repository. The libtorch of [`setup`] stands in for that of torch.
 pub fn test() -> Result<()> {
-    // The whole workspace, as for the Rust tests. Built alone, the package would rebuild its dependencies with other
-    // features.
-    run("build the Python package", &mut cargo(&["build", "--workspace"]))?;
+    // The whole workspace with its examples, which use development dependencies as the tests do. Anything less would
+    // build the dependencies with other features, and compile most of them again.
+    run(
+        "build the Python package",
+        &mut cargo(&["build", "--workspace", "--lib", "--bins", "--examples"]),
+    )?;
     let site = target()?.join("python-site");
     pip::install(&["numpy>=1.24,<3", "pytest>=8,<10"], &site, "200 MB")?;
     assemble(&site)?;

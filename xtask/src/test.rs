@@ -36,6 +36,5 @@ impl Test {
 /// Builds the command without the network, with a LIBTORCH that does not exist, and runs its tests.
 fn test_without_libtorch() -> Result<()> {
     let mut test = cargo(&["test", "-p", "vamvs-cli", "--no-default-features"]);
-    let target = ["--target-dir", "target/without-libtorch"];
-    run("test without libtorch", test.args(target).env("LIBTORCH", "no-libtorch-here"))
+    run("test without libtorch", test.env("LIBTORCH", "no-libtorch-here"))
 }

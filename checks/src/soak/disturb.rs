@@ -11,6 +11,7 @@ use super::case::Disturbance;
 use super::process::{Ended, Signal, Timed};
 use super::random::Random;
 use super::{Round, check, scene};
+use crate::files::save;
 
 /// Result files that record the memory budget, so that they differ between budgets.
 const OF_THE_BUDGET: [&str; 3] = ["run.toml", "fusion.json", "report.html"];
@@ -104,7 +105,7 @@ impl Round<'_> {
         let path = random.one_of(&self.scene.photographs);
         let good = fs::read(&path)?;
         let half = good[..good.len() / 2].to_vec();
-        save(&path, &random.one_of(&[Vec::new(), b"no image".to_vec(), half]))?;
+        save(&path, random.one_of(&[Vec::new(), b"no image".to_vec(), half]))?;
         let ended = self.run(&[], &[])?;
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         self.expect(matches!(ended.code, Some(0 | 1)), || format!("with a bad photograph: {ended}"));
@@ -134,7 +135,7 @@ impl Round<'_> {
             let content = fs::read(&path)?;
             match random.below(3) {
                 0 => fs::remove_file(&path)?,
-                1 => save(&path, &[])?,
+                1 => save(&path, [])?,
                 _ => save(&path, &content[..random.below(content.len().max(1))])?,
             }
         }
@@ -184,10 +185,6 @@ impl Round<'_> {
         fs::create_dir_all(&self.out)?;
         self.check_whole(may_have_temporary)
     }
-}
-
-fn save(path: &Path, content: &[u8]) -> Result<()> {
-    vamvs_io::atomic::write(path, |out| out.write_all(content)).context("damaging a file")
 }
 
 /// A small tmpfs, unmounted when it is dropped.

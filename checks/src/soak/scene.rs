@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use super::case::{Case, Layout, Lens};
 use super::process::Program;
+use crate::files::save;
 
 /// A scene on disk.
 pub struct Scene {
@@ -45,12 +46,12 @@ pub fn make(program: &Program, case: &Case, folder: &Path) -> Result<Scene> {
     let mut arguments = match case.layout {
         Layout::Mvsnet => vec!["--cams".to_owned(), path("cams"), "--images".to_owned(), path("images")],
         Layout::Nerfstudio => {
-            save(&scene.join("transforms.json"), &nerfstudio(&views, case).to_string())?;
+            save(&scene.join("transforms.json"), nerfstudio(&views, case).to_string())?;
             vec!["--nerfstudio".to_owned(), path("transforms.json")]
         }
         Layout::Bundler => {
-            save(&scene.join("bundle.out"), &bundle(&views, case))?;
-            save(&scene.join("list.txt"), &lines(&views, |view| format!("images/{}", view.name)))?;
+            save(&scene.join("bundle.out"), bundle(&views, case))?;
+            save(&scene.join("list.txt"), lines(&views, |view| format!("images/{}", view.name)))?;
             vec!["--bundler".to_owned(), path("bundle.out")]
         }
         Layout::Colmap => {
@@ -88,10 +89,6 @@ fn view(scene: &Path, cam: &Path) -> Result<View> {
         pose: [row(0), row(1), row(2)],
         intrinsics: [numbers[16], numbers[20], numbers[18], numbers[21]],
     })
-}
-
-fn save(path: &Path, text: &str) -> Result<()> {
-    vamvs_io::atomic::write(path, |out| out.write_all(text.as_bytes())).context("writing the scene")
 }
 
 fn lines(views: &[View], line: impl Fn(&View) -> String) -> String {
@@ -153,8 +150,8 @@ fn write_colmap(folder: &Path, views: &[View], case: &Case) -> Result<()> {
         let translation = spaced(&view.pose.map(|row| row[3]));
         images += &format!("{id} {} {translation} {id} {}\n\n", spaced(&quaternion(&view.pose)), view.name);
     }
-    save(&folder.join("cameras.txt"), &cameras)?;
-    save(&folder.join("images.txt"), &images)
+    save(&folder.join("cameras.txt"), cameras)?;
+    save(&folder.join("images.txt"), images)
 }
 
 /// The unit quaternion (w, x, y, z) of a rotation, computed from its largest component for accuracy.

@@ -17,7 +17,7 @@
 
 use crate::pair::Pair;
 use crate::photometric::FilteredView;
-use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits};
+use crate::round_trip::{Answers, LANES, Lanes, PREFETCH_STEP, Strip, ask, bits, prefetch};
 use crate::wide::widened;
 use crate::{Consistency, FuseOptions};
 
@@ -76,27 +76,36 @@ impl<'a> Rule<'a> {
         needed
     }
 
-    /// The pixels whose outcome the remaining `rest` views cannot change.
+    /// The pixels whose outcome the remaining `rest` views cannot change, even if all of them
+    /// agree exactly or all of them see through the point.
     fn decided(&self, tally: &Tally, needed: &Lanes, rest: usize) -> u64 {
-        let missing = (self.options.min_views - 1) as f32 - rest as f32;
-        let hopeless = bits(&tally.views.map(|views| views < missing));
-        let may_turn = self.options.consistency == Consistency::Dynamic && self.options.contradiction > 0.0;
-        if may_turn { hopeless } else { hopeless | self.accepted(tally, needed) }
+        // Sums of votes are rounded.
+        let (views, votes) = (rest as f32, 1.001 * rest as f32);
+        let mut decided = [false; LANES];
+        for lane in 0..LANES {
+            let (agree, support, against) = (tally.views[lane], tally.support[lane], tally.against[lane]);
+            let at_best = self.accepts(agree + views, support + votes, against, needed[lane]);
+            let at_worst = self.accepts(agree, support, against + votes, needed[lane]);
+            decided[lane] = !at_best | at_worst;
+        }
+        bits(&decided)
     }
 
     fn accepted(&self, tally: &Tally, needed: &Lanes) -> u64 {
-        let min = (self.options.min_views - 1) as f32;
-        let against = self.options.contradiction;
         let mut accepted = [false; LANES];
         for lane in 0..LANES {
-            let balance = (tally.support[lane] - against * tally.against[lane]) * tally.views[lane];
-            let enough = match self.options.consistency {
-                Consistency::Classic => true,
-                Consistency::Dynamic => balance >= needed[lane],
-            };
-            accepted[lane] = (tally.views[lane] >= min) & enough;
+            let (agree, support, against) = (tally.views[lane], tally.support[lane], tally.against[lane]);
+            accepted[lane] = self.accepts(agree, support, against, needed[lane]);
         }
         bits(&accepted)
+    }
+
+    /// Whether so many views that agree, with these votes for and against, confirm a pixel.
+    #[inline(always)]
+    fn accepts(&self, views: f32, support: f32, against: f32, needed: f32) -> bool {
+        let balance = (support - self.options.contradiction * against) * views;
+        let by_votes = (self.options.consistency == Consistency::Classic) | (balance >= needed);
+        (views >= (self.options.min_views - 1) as f32) & by_votes
     }
 }
 
@@ -109,9 +118,16 @@ widened! {
 #[inline(always)]
 fn count_any(pair: &Pair<'_>, answers: &Answers, margin: f32, tally: &mut Tally) {
     let confidence = pair.source.confidence.data();
+    let width = pair.source.size().width;
+    for lane in (0..LANES).step_by(PREFETCH_STEP) {
+        prefetch(confidence, answers.pixel[lane] as usize + width);
+    }
     let mut sure = [0.0; LANES];
     for lane in 0..LANES {
-        sure[lane] = confidence[answers.pixel[lane] as usize].sqrt();
+        sure[lane] = confidence[answers.pixel[lane] as usize];
+    }
+    for lane in 0..LANES {
+        sure[lane] = if sure[lane] < 1.0 { sure[lane].sqrt() } else { 1.0 };
     }
     for lane in 0..LANES {
         let (error, angle) = (answers.error[lane], answers.parallax[lane] / FULL_PARALLAX);

@@ -74,17 +74,16 @@ fn filter_row(loaded: &MaskedMap, options: &FuseOptions, y: usize, row: &mut [f3
     let coarse = map.coarse_confidence.as_ref().map(|grid| grid.row(y));
     let mask = loaded.mask.as_ref().map(|grid| grid.row(y));
     let mut report = ViewReport::default();
+    let min = (options.min_confidence, options.min_coarse_confidence);
     for (x, inverse) in row.iter_mut().enumerate() {
-        let coarse_ok = coarse.is_none_or(|c| c[x] >= options.min_coarse_confidence);
-        if !is_valid(depth[x]) {
-            report.without_depth += 1;
-        } else if mask.is_some_and(|mask| !mask[x]) {
-            report.masked += 1;
-        } else if !(coarse_ok && confidence[x] >= options.min_confidence) {
-            report.unconfident += 1;
-        } else {
-            *inverse = depth[x].recip();
-        }
+        // Without branches: whether a pixel is confident may change from one to the next.
+        let with_depth = is_valid(depth[x]);
+        let unmasked = mask.is_none_or(|mask| mask[x]);
+        let confident = (confidence[x] >= min.0) & coarse.is_none_or(|coarse| coarse[x] >= min.1);
+        report.without_depth += u64::from(!with_depth);
+        report.masked += u64::from(with_depth & !unmasked);
+        report.unconfident += u64::from(with_depth & unmasked & !confident);
+        *inverse = if with_depth & unmasked & confident { depth[x].recip() } else { 0.0 };
     }
     report
 }

@@ -196,11 +196,34 @@ fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
     seen
 }
 
+/// The reference view's next row is likely seen in the source view's next row, which is brought
+/// into the cache.
+const PREFETCH_ROWS: usize = 2;
+
+/// Lanes from one prefetch to the next: half of the values in a cache line.
+pub(crate) const PREFETCH_STEP: usize = 8;
+
+/// Begins to bring the cache line of `values[at]` into the cache, if there is such a value.
+#[inline(always)]
+pub(crate) fn prefetch(values: &[f32], at: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if at < values.len() {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: the address is that of a value.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().add(at).cast()) }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (values, at);
+}
+
 /// The values of four pixels each, whose upper left one is at a place: the upper two, the lower
 /// two.
 #[inline(always)]
 fn gather(values: &[f32], width: usize, places: &Lanes<u32>) -> [Lanes<[f32; 2]>; 2] {
     let (mut upper, mut lower) = ([[0.0; 2]; LANES], [[0.0; 2]; LANES]);
+    for lane in (0..LANES).step_by(PREFETCH_STEP) {
+        prefetch(values, places[lane] as usize + PREFETCH_ROWS * width);
+    }
     for lane in 0..LANES {
         let place = places[lane] as usize;
         let four = &values[place..place + width + 2];

@@ -16,7 +16,7 @@ use crate::post_process::{completed, upsampled};
 use crate::profile::{Profile, Stage};
 use crate::project::depth_of;
 use crate::tensor_grid::to_grid;
-use crate::{EncodedView, Iteration, NetError, Network};
+use crate::{Device, EncodedView, Iteration, NetError, Network};
 
 /// The parameters of depth estimation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,16 +69,22 @@ const WAITING: usize = 2;
 /// Memory of the flow for each point, as a multiple of its channels.
 const POINTS: usize = 4;
 
+/// Slabs and strips on a processor, whose caches hold a part of them, and on a GPU, which is idle while it begins the
+/// next one.
+const SLAB_BYTES: [usize; 2] = [32 << 20, 256 << 20];
+const STRIP_POINTS: [usize; 2] = [200_000, 2_000_000];
+
 impl EstimatorOptions {
-    /// The defaults of a network, from its manifest.
+    /// The defaults of a network, from its manifest, with slabs and strips for the device that it is on.
     #[must_use]
     pub fn of(network: &Network) -> Self {
+        let on_gpu = usize::from(network.device() != Device::Cpu);
         Self {
             iterations: network.iterations(),
             completion: network.manifest().completion,
             guide: network.manifest().guide,
-            slab_bytes: 32 << 20,
-            strip_points: 200_000,
+            slab_bytes: SLAB_BYTES[on_gpu],
+            strip_points: STRIP_POINTS[on_gpu],
         }
     }
 

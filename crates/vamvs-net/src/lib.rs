@@ -34,7 +34,7 @@ mod slabs;
 mod tensor_grid;
 
 pub use aggregate::Aggregation;
-pub use device::{Device, open_device};
+pub use device::{Device, free_device_memory, open_device};
 pub use encode::EncodedView;
 pub use error::NetError;
 pub use estimator::{Coarse, Estimator, EstimatorOptions};

@@ -2,6 +2,8 @@
 
 use std::time::{Duration, Instant};
 
+use crate::device::{Device, synchronize};
+
 /// The stages of a depth map, in the order in which data flows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
@@ -25,17 +27,31 @@ impl Stage {
         [Self::Encode, Self::Sweep, Self::Regularize, Self::Fetch, Self::Neighbours, Self::Flow];
 }
 
-/// Wall-clock time by stage.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Wall-clock time by stage. A GPU works while the processor goes on: its stages end when it has done what they gave it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Profile {
+    device: Device,
     spent: [Duration; Stage::ALL.len()],
 }
 
+impl Default for Profile {
+    fn default() -> Self {
+        Self::on(Device::Cpu)
+    }
+}
+
 impl Profile {
+    /// No time yet, of stages on a device.
+    #[must_use]
+    pub fn on(device: Device) -> Self {
+        Self { device, spent: [Duration::ZERO; Stage::ALL.len()] }
+    }
+
     /// Runs `work` and adds its time to `stage`.
     pub fn time<T>(&mut self, stage: Stage, work: impl FnOnce() -> T) -> T {
         let begin = Instant::now();
         let result = work();
+        synchronize(self.device);
         self.spent[stage as usize] += begin.elapsed();
         result
     }

@@ -158,7 +158,11 @@ def test_ctrl_c_is_answered_while_a_depth_map_is_made(folder):
         "except KeyboardInterrupt:\n"
         "    print('interrupted', flush=True)\n"
     )
-    program = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
+    # A shell's background jobs, this test perhaps one of them, ignore Ctrl-C, and so would what they start.
+    def heed():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    program = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, preexec_fn=heed)
     assert program.stdout.readline() == "event\n"
     program.send_signal(signal.SIGINT)
     # Of the seven remaining events at most one, sent before the signal arrived.

@@ -10,6 +10,7 @@ use vamvs_net::{Estimator, EstimatorOptions, open_device};
 
 use crate::depth::{DepthJob, DepthSummary};
 use crate::event::{OnEvent, tell};
+use crate::fit::NetworkMemory;
 use crate::photographs::Origin;
 use crate::{
     DepthOptions, Event, ExportOptions, FuseSummary, FusionOptions, Maps, OutputFolder, PhotoSource,
@@ -134,8 +135,10 @@ impl Reconstruction {
         self.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
         let mut estimator = estimator(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
         let photographs = Photographs::of(self.origin, &self.depth);
+        let memory = NetworkMemory::of(estimator.network().device(), self.depth.max_memory);
+        let fitted = (&mut estimator, memory);
         let (photographs, plan) =
-            fit::fit_to_memory(&self.scene, &photographs, &self.depth, &mut estimator, on_event)?;
+            fit::fit_to_memory(&self.scene, &photographs, &self.depth, fitted, on_event)?;
         let module = blake3::hash(&weights::bytes(self.weights.as_deref())?);
         Ok(Prepared { scene: self.scene, photographs, plan, estimator, module, options: self.depth })
     }

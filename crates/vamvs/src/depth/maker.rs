@@ -13,7 +13,7 @@ use super::region::{covered, placed, remove_masked, rescaled, unmasked, widened}
 use crate::ceiling::Ceiling;
 use crate::event::{OnEvent, tell};
 use crate::feature_cache::{Encoded, FeatureCache};
-use crate::fit::most_bytes;
+use crate::fit::{NetworkMemory, most_bytes};
 use crate::output::LoadedMap;
 use crate::photographs::working_cameras;
 use crate::refinement::{BYTES_PER_PIXEL, Refinement, Seed, shares};
@@ -93,9 +93,13 @@ impl Prepared {
 
 impl<'a> Maker<'a> {
     pub fn new(work: &'a Prepared) -> Self {
-        let for_maps = most_bytes(&work.plan, &work.estimator).max(work.refinement_bytes());
-        let limit = work.options.max_memory;
-        let capacity = limit.remaining().saturating_sub(for_maps) as usize;
+        let (limit, device) = (work.options.max_memory, work.estimator.network().device());
+        let memory = NetworkMemory::of(device, limit);
+        let for_network = most_bytes(&work.plan, &work.estimator);
+        let for_maps = memory.in_process(for_network).max(work.refinement_bytes());
+        // Features are where the network is. In the process refinement needs room beside them.
+        let for_others = for_network.max(memory.in_process(for_maps));
+        let capacity = usize::try_from(memory.free().saturating_sub(for_others)).unwrap_or(usize::MAX);
         let kept = (capacity, work.options.views + BESIDE);
         let (scene, photographs) = (&work.scene, &work.photographs);
         let two_passes = work.has_two_passes();
@@ -103,7 +107,7 @@ impl<'a> Maker<'a> {
             work,
             features: FeatureCache::new(scene, photographs.clone(), work.estimator.network(), kept),
             refinement: work.options.refine.then(|| Refinement::new(scene, photographs, two_passes)),
-            profile: Profile::default(),
+            profile: Profile::on(device),
             ceiling: Ceiling::new(limit, for_maps),
             unusable: BTreeMap::new(),
         }

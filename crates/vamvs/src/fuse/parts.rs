@@ -67,7 +67,8 @@ impl<'a> PartialFusion<'a> {
             done += 1;
             on_event(Event::Fusion { done, total })
         };
-        let (views, memory) = vamvs_fusion::confirm(&self.job(), &self.schedule, part, &mut progress)?;
+        let job = self.job();
+        let (views, memory) = vamvs_fusion::confirm(&job, &self.schedule, part, &mut progress)?;
         let mut pixels = self.files.create(Kind::Pixels, part)?;
         views.iter().try_for_each(|view| pixels.push(&view))?;
         pixels.finish()?;
@@ -76,7 +77,7 @@ impl<'a> PartialFusion<'a> {
         let mut file = self.files.create(Kind::Counts, part)?;
         file.push(&counts)?;
         file.finish()?;
-        self.warn_of_memory(memory, on_event)?;
+        warn_of_memory(memory, job.memory as u64, self.options.max_memory, on_event)?;
         Ok(true)
     }
 
@@ -101,9 +102,10 @@ impl<'a> PartialFusion<'a> {
             let goes_on = !batch.is_last || on_event(Event::Fusion { done, total }).is_continue();
             if goes_on { Ok(()) } else { Err(FuseError::Cancelled) }
         };
-        let memory = vamvs_fusion::merge(&self.job(), &self.schedule, part, (&pixels, &counts), &mut take)?;
+        let job = self.job();
+        let memory = vamvs_fusion::merge(&job, &self.schedule, part, (&pixels, &counts), &mut take)?;
         file.finish()?;
-        self.warn_of_memory(memory, on_event)?;
+        warn_of_memory(memory, job.memory as u64, self.options.max_memory, on_event)?;
         Ok(true)
     }
 
@@ -150,11 +152,6 @@ impl<'a> PartialFusion<'a> {
             roi: self.options.roi,
             memory: working_memory(self.options.max_memory) as usize,
         }
-    }
-
-    fn warn_of_memory(&self, taken: u64, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
-        let limit = self.options.max_memory;
-        warn_of_memory(taken, working_memory(limit), limit, on_event)
     }
 
     /// The counts of the first pass for all views.
