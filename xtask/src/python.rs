@@ -40,10 +40,7 @@ impl Wheel {
 pub fn test() -> Result<()> {
     // The whole workspace with its examples, which use development dependencies as the tests do. Anything less would
     // build the dependencies with other features, and compile most of them again.
-    run(
-        "build the Python package",
-        &mut cargo(&["build", "--workspace", "--lib", "--bins", "--examples"]),
-    )?;
+    run("build the Python package", &mut cargo(&["build", "--workspace", "--lib", "--bins", "--examples"]))?;
     let site = target()?.join("python-site");
     pip::install(&["numpy>=1.24,<3", "pytest>=8,<10"], &site, "200 MB")?;
     assemble(&site)?;
