@@ -61,12 +61,19 @@ pub struct Aerial {
 impl Aerial {
     pub fn run(&self) -> Result<()> {
         let (model, images) = (self.folder.join("sparse"), self.folder.join("images"));
-        if !model.join("points3D.bin").is_file() {
-            fs::create_dir_all(&model)?;
-            fs::create_dir_all(&images)?;
-            let scene = self.scene();
-            self.write_photographs(&scene, &images)?;
-            Model::from_scene(&scene).write_binary(&model)?;
+        let (done, asked) = (self.folder.join("scene.txt"), self.scene_options());
+        match fs::read_to_string(&done) {
+            Ok(made) => {
+                ensure!(made == asked, "{} holds another scene ({made}): remove it", self.folder.display())
+            }
+            Err(_) => {
+                fs::create_dir_all(&model)?;
+                fs::create_dir_all(&images)?;
+                let scene = self.scene();
+                self.write_photographs(&scene, &images)?;
+                Model::from_scene(&scene).write_binary(&model)?;
+                save(&done, &asked)?;
+            }
         }
         let mut command = Command::new(binary()?);
         command.arg("tasks").arg("--colmap").arg(&model).arg("--images").arg(&images);
@@ -100,6 +107,11 @@ impl Aerial {
         let views: Vec<View> = (0..self.views).map(view).collect();
         let points = (0..self.points as u64).map(|point| observed(point, &views, side)).collect();
         Scene { views, points, pairs: None }
+    }
+
+    /// All that the scene depends on.
+    fn scene_options(&self) -> String {
+        format!("{} views of {}, {} rendered, {} points", self.views, self.size, self.rendered, self.points)
     }
 
     fn write_photographs(&self, scene: &Scene, images: &Path) -> Result<()> {

@@ -224,13 +224,16 @@ impl DepthErrors {
     #[must_use]
     pub fn mean_of(scenes: &[&Self]) -> Option<Self> {
         let scenes: Vec<&Self> = scenes.iter().copied().filter(|scene| scene.true_pixels > 0).collect();
-        let mean = |value: &dyn Fn(&Self) -> f64| {
+        let mean_over = |scenes: &[&Self], value: &dyn Fn(&Self) -> f64| {
             scenes.iter().map(|&scene| value(scene)).sum::<f64>() / scenes.len() as f64
         };
+        let mean = |value: &dyn Fn(&Self) -> f64| mean_over(&scenes, value);
+        // A scene without estimated depth has no error, but no coverage and no inliers either.
+        let estimated: Vec<&Self> = scenes.iter().copied().filter(|scene| scene.absolute.count > 0).collect();
         let spread = |of: fn(&Self) -> &Spread| Spread {
             count: scenes.iter().map(|&scene| of(scene).count).sum(),
-            mean: mean(&|scene| of(scene).mean),
-            median: mean(&|scene| of(scene).median),
+            mean: mean_over(&estimated, &|scene| of(scene).mean),
+            median: mean_over(&estimated, &|scene| of(scene).median),
         };
         let within = |(index, within): (usize, &Within)| Within {
             share: mean(&|scene| scene.within[index].share),
@@ -372,6 +375,10 @@ mod tests {
         assert_eq!((mean.true_pixels, mean.coverage, mean.within[0].share), (4, 1.0, 0.5));
         assert_eq!(mean.absolute, Spread { count: 4, mean: 0.5, median: 0.5 });
         assert_eq!(DepthErrors::mean_of(&[]), None);
+        let without_depth = errors(&[0.0], &[1.0], &limit);
+        let mean = DepthErrors::mean_of(&[&one, &without_depth]).unwrap();
+        assert_eq!((mean.coverage, mean.within[0].share), (0.5, 0.0));
+        assert_eq!(mean.absolute, Spread { count: 1, mean: 1.0, median: 1.0 });
     }
 
     #[test]

@@ -179,6 +179,8 @@ fn wrong_pairs_are_refused_with_their_line() {
         ("1\n0\n99999999999 1 0.5", "source view: missing"),
         ("1\n0\n1 1 0.5\n1\n0", "expected the end after 1 views, found \"1\""),
         ("1\n0\n1 1 x", "score: expected a number"),
+        ("1\n0\n1 1 NaN", "score: expected a number of at least 0, found NaN"),
+        ("1\n0\n1 1 -0.5", "score: expected a number of at least 0, found -0.5"),
         ("", "number of views: missing"),
     ];
     for (text, expected) in cases {

@@ -119,7 +119,8 @@ impl Manifest {
                 manifest.neighbours, manifest.hypotheses
             )));
         }
-        check_strides(manifest.coarse_stride, manifest.feature_stride)
+        manifest
+            .check_strides(manifest.coarse_stride)
             .map_err(|problem| wrong(format!("cannot be used: {problem}")))?;
         if manifest.aggregation.correlates() && !(1..=256).contains(&manifest.group) {
             let group = manifest.group;
@@ -147,17 +148,24 @@ impl Manifest {
         check_iterations(&manifest.iterations).map_err(wrong)?;
         Ok(manifest)
     }
-}
 
-/// Checks that the feature stride is 8 or 4, and the coarse stride equal to it, or 4 with a feature stride of 8.
-pub(crate) fn check_strides(coarse: usize, features: usize) -> Result<(), String> {
-    match (coarse, features) {
-        (8, 8) | (4, 8 | 4) => Ok(()),
-        (_, 8) => Err(format!("a coarse stride of {coarse} is asked for: expected 8 or 4")),
-        (_, 4) => Err(format!(
-            "a coarse stride of {coarse} is asked for: expected 4, the stride of the network's features"
-        )),
-        _ => Err(format!("coarse features have a stride of {features} pixels: expected 8 or 4")),
+    /// Checks that the network can work with this coarse stride.
+    pub(crate) fn check_strides(&self, coarse: usize) -> Result<(), String> {
+        match (coarse, self.feature_stride) {
+            (4, 8) if self.aggregation.correlates() => Err(
+                "a coarse stride of 4 is asked for: expected 8, as the network correlates features of the \
+                     photograph as it is"
+                    .to_owned(),
+            ),
+            (8, 8) | (4, 8 | 4) => Ok(()),
+            (_, 8) => Err(format!("a coarse stride of {coarse} is asked for: expected 8 or 4")),
+            (_, 4) => Err(format!(
+                "a coarse stride of {coarse} is asked for: expected 4, the stride of the network's features"
+            )),
+            (_, features) => {
+                Err(format!("coarse features have a stride of {features} pixels: expected 8 or 4"))
+            }
+        }
     }
 }
 
@@ -209,6 +217,7 @@ mod tests {
             ("\"planes\":96", "\"planes\":96,\"feature_stride\":2", "stride of 2"),
             ("\"planes\":96", "\"planes\":96,\"feature_stride\":4", "the stride of the network's features"),
             ("vis-max", "vis-corr", "groups of 0 channels"),
+            ("vis-max\"", "vis-corr\",\"coarse_stride\":4", "correlates features of the photograph as it is"),
             ("\"planes\":96", "\"planes\":96,\"guide\":0", "guide of 0"),
             ("\"planes\":96", "\"planes\":96,\"flow_sources\":0", "nonzero"),
             ("\"planes\":96", "\"planes\":96,\"completion\":{\"stiffness\":-1,\"power\":4}", "stiffness -1"),

@@ -8,7 +8,6 @@ use tch::{CModule, IValue, Kind, TchError, Tensor};
 use crate::correlate::{correlation, pooled};
 use crate::encode::COARSE_SCALE;
 use crate::error::Libtorch;
-use crate::manifest::check_strides;
 use crate::slabs::Slabs;
 use crate::{Device, Manifest, NetError};
 
@@ -150,7 +149,7 @@ impl Network {
     /// # Errors
     /// If the stride is neither the stride of the network's features nor half of a feature stride of 8.
     pub fn set_coarse_stride(&mut self, coarse_stride: usize) -> Result<(), NetError> {
-        check_strides(coarse_stride, self.manifest.feature_stride).map_err(NetError::Request)?;
+        self.manifest.check_strides(coarse_stride).map_err(NetError::Request)?;
         if coarse_stride != self.manifest.coarse_stride {
             self.manifest.coarse_stride = coarse_stride;
             self.manifest.calibration = None;

@@ -110,7 +110,7 @@ impl Optimizer {
                 if found.size() != tensor.size() {
                     return Err(format!("{name} is {:?}, expected {:?}", found.size(), tensor.size()));
                 }
-                tensor.copy_(found);
+                tensor.f_copy_(found).map_err(|error| format!("{name} cannot be used: {error}"))?;
             }
         }
         Ok(())

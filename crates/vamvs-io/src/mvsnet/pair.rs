@@ -79,7 +79,12 @@ impl PairReader {
         let mut sources: Vec<Source> = Vec::new();
         for _ in 0..count {
             let view = self.view("source view")?;
-            let score = self.words.number("score")?;
+            let score: f64 = self.words.number("score")?;
+            if !(score.is_finite() && score >= 0.0) {
+                return Err(self
+                    .words
+                    .malformed(format!("score: expected a number of at least 0, found {score}")));
+            }
             if view == reference || sources.iter().any(|source| source.view == view) {
                 return Err(self.words.malformed("source view: expected other views, each once"));
             }
