@@ -1,23 +1,22 @@
 //! How a view shows its surfaces: colours, normals, and which pixels are at an edge.
 
+use nalgebra::Matrix3;
 use rayon::prelude::*;
-use vamvs_core::{Grid, Rgb};
+use vamvs_core::Grid;
 
-use crate::bits::{self, BitGrid};
-use crate::normals::{fits_of_row, normal_in_cam};
-use crate::packed_normal::PackedNormal;
+use crate::normals::{directions_of_row, fits_of_row};
+use crate::packed_normal::{PackedNormal, pack};
 use crate::photometric::FilteredView;
 use crate::{FuseError, FuseOptions, FusionView, MaskedMap};
 
 /// A view as the second pass needs it.
 pub(crate) struct SeenView {
     pub filtered: FilteredView,
-    pub colour: Grid<Rgb>,
+    /// Colours, and 1 for pixels whose whole 5×5 window lies on one surface. Others, with 0, may show
+    /// the colour of what is beside it.
+    pub look: Grid<[u8; 4]>,
     /// Normals in the world's frame.
     pub normal: Grid<PackedNormal>,
-    /// Pixels whose whole 5×5 window lies on one surface. Others may show the colour of what is
-    /// beside it.
-    pub inner: BitGrid,
 }
 
 impl SeenView {
@@ -26,36 +25,54 @@ impl SeenView {
         loaded.check(view)?;
         let FusionView { map, mask, colour, normals } = loaded;
         let filtered = FilteredView::new(view, MaskedMap { map, mask }, options)?;
-        let (normal, inner) = normals_in_world(&filtered, normals.as_ref());
-        Ok(Self { filtered, colour, normal, inner })
+        let mut seen = Self {
+            look: colour.map(|&[red, green, blue]| [red, green, blue, 0]),
+            normal: Grid::filled(filtered.size(), PackedNormal::default()),
+            filtered,
+        };
+        seen.find_normals(normals.as_ref());
+        Ok(seen)
     }
 
     /// Bytes held in memory.
     pub fn bytes(&self) -> usize {
-        let rasters = self.filtered.size().area() * (size_of::<Rgb>() + size_of::<PackedNormal>());
-        self.filtered.bytes() + rasters + self.inner.bytes()
+        self.filtered.bytes()
+            + self.filtered.size().area() * (size_of::<[u8; 4]>() + size_of::<PackedNormal>())
+    }
+
+    /// Finds the normals, unless they are given, and the pixels that are not at an edge.
+    fn find_normals(&mut self, given: Option<&Grid<[f32; 3]>>) {
+        let world_from_cam = self.filtered.cam_from_world.rotation.transpose().cast::<f32>();
+        let (view, width) = (&self.filtered, self.filtered.size().width.max(1));
+        let rows =
+            self.normal.data_mut().par_chunks_mut(width).zip(self.look.data_mut().par_chunks_mut(width));
+        rows.enumerate().for_each(|(y, (normals, looks))| {
+            let given = given.map(|given| given.row(y));
+            let directions = directions(view, y, (given, &world_from_cam), looks);
+            pack(&directions, normals);
+        });
     }
 }
 
-/// The normals of a view, and its pixels that are not at an edge.
-fn normals_in_world(view: &FilteredView, given: Option<&Grid<[f32; 3]>>) -> (Grid<PackedNormal>, BitGrid) {
-    let (size, world_from_cam) = (view.size(), view.cam_from_world.rotation.transpose().cast::<f32>());
-    let (mut normals, mut inner) = (Grid::filled(size, PackedNormal::default()), BitGrid::zeros(size));
-    let rows = normals.data_mut().par_chunks_mut(size.width.max(1)).zip(inner.rows_mut()).enumerate();
-    rows.for_each(|(y, (normals, inner))| {
-        for (x, (normal, fit)) in normals.iter_mut().zip(fits_of_row(view, y)).enumerate() {
-            if view.inverse_depth[(x, y)] <= 0.0 {
-                *normal = PackedNormal::new([0.0; 3]);
-                continue;
-            }
-            if fit.inner {
-                bits::set(inner, x);
-            }
-            let given = given.map(|given| given[(x, y)]).filter(|given| given != &[0.0; 3]);
-            let fitted =
-                || PackedNormal::new((world_from_cam * normal_in_cam(view, (x, y), fit.slopes)).into());
-            *normal = given.map_or_else(fitted, PackedNormal::new);
+/// Directions along the normals of a row's pixels in the world's frame, 0 where there is no depth. Says in `looks`
+/// which pixels are not at an edge.
+fn directions(
+    view: &FilteredView,
+    y: usize,
+    (given, world_from_cam): (Option<&[[f32; 3]]>, &Matrix3<f32>),
+    looks: &mut [[u8; 4]],
+) -> Vec<[f32; 3]> {
+    let fits = fits_of_row(view, y);
+    let mut directions = directions_of_row(view, y, &fits, world_from_cam);
+    for (x, (direction, fit)) in directions.iter_mut().zip(&fits).enumerate() {
+        if view.inverse_depth[(x, y)] <= 0.0 {
+            *direction = [0.0; 3];
+            continue;
         }
-    });
-    (normals, inner)
+        looks[x][3] = u8::from(fit.inner);
+        if let Some(given) = given.map(|given| given[x]).filter(|given| given != &[0.0; 3]) {
+            *direction = given;
+        }
+    }
+    directions
 }

@@ -45,11 +45,6 @@ impl BitGrid {
     }
 }
 
-/// Sets bit `x` of a row.
-pub(crate) fn set(row: &mut [u64], x: usize) {
-    row[x / 64] |= 1 << (x % 64);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -58,7 +53,7 @@ mod tests {
     #[test]
     fn bits_are_set_one_by_one() {
         let mut bits = BitGrid::zeros(Size::new(130, 3));
-        bits.rows_mut().enumerate().for_each(|(y, row)| set(row, 64 * y + 1));
+        bits.rows_mut().enumerate().for_each(|(y, row)| row[y] |= 2);
         for y in 0..3 {
             for x in 0..130 {
                 assert_eq!(bits.get(x, y), x == 64 * y + 1);

@@ -117,6 +117,13 @@ widened! {
 
 #[inline(always)]
 fn count_any(pair: &Pair<'_>, answers: &Answers, margin: f32, tally: &mut Tally) {
+    let mut says_something = false;
+    for lane in 0..LANES {
+        says_something |= (answers.error[lane] < 1.0) | (answers.behind[lane] > margin);
+    }
+    if !says_something {
+        return;
+    }
     let confidence = pair.source.confidence.data();
     let width = pair.source.size().width;
     for lane in (0..LANES).step_by(PREFETCH_STEP) {

@@ -9,7 +9,7 @@ use crate::bits::BitGrid;
 use crate::consistency::Rule;
 use crate::pair::Pair;
 use crate::photometric::{FilteredView, focal};
-use crate::round_trip::{LANES, Strip};
+use crate::round_trip::{LANES, Strip, bits};
 use crate::{FuseOptions, ViewReport};
 
 /// The pixels of a view that passed the filters.
@@ -83,14 +83,18 @@ impl RowFilter<'_> {
 impl RowCount {
     /// Counts the pixels of a strip; those of `kept` are confirmed.
     fn add(&mut self, kept: u64, strip: &Strip) {
-        for (lane, &inverse_depth) in strip.inverse_depth.iter().enumerate() {
-            if kept >> lane & 1 == 1 {
-                self.kept += 1;
-                self.depths += 1.0 / f64::from(inverse_depth);
-            } else {
-                self.inconsistent += u64::from(inverse_depth > 0.0);
+        let asked = bits(&strip.inverse_depth.map(|w| w > 0.0));
+        self.kept += u64::from(kept.count_ones());
+        self.inconsistent += u64::from((asked & !kept).count_ones());
+        // Eight sums, which do not wait for one another.
+        let mut depths = [0.0; 8];
+        for (eight, inverse_depths) in strip.inverse_depth.as_chunks::<8>().0.iter().enumerate() {
+            for (lane, (sum, inverse_depth)) in depths.iter_mut().zip(inverse_depths).enumerate() {
+                let is_kept = kept >> (8 * eight + lane) & 1 == 1;
+                *sum += if is_kept { 1.0 / inverse_depth } else { 0.0 };
             }
         }
+        self.depths += depths.map(f64::from).iter().sum::<f64>();
     }
 }
 

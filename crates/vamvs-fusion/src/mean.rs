@@ -1,12 +1,19 @@
-//! Combines what several views measure of a point.
+//! Combines what several views measure of the points of a strip.
 
-use nalgebra::Vector3;
+#![allow(
+    clippy::needless_range_loop,
+    reason = "one lane of many arrays at a time, as the compiler turns into vectors"
+)]
+
+use nalgebra::{Matrix3, Vector3};
 use vamvs_core::{CloudPoint, Pose, Rgb};
 
 use crate::appearance::SeenView;
+use crate::packed_normal::PackedNormal;
 use crate::pair::Pair;
 use crate::photometric::focal;
-use crate::round_trip::Answers;
+use crate::round_trip::{Answers, LANES, Lanes};
+use crate::wide::widened;
 
 /// The least confidence in the weight of a depth.
 const LEAST_CONFIDENCE: f32 = 0.02;
@@ -27,123 +34,286 @@ const LEAST_COSINE: f32 = 0.1;
 /// weight.
 const HALF_WEIGHT: f32 = 0.25;
 
-/// A pixel of the reference view that becomes a point, with the measurements of all views that
-/// agree. Positions are in the reference camera's frame.
-pub(crate) struct Mean<'a> {
-    reference: &'a SeenView,
-    /// The pixel's ray, with z = 1.
-    ray: Vector3<f32>,
-    /// Size of the pixel on the surface, scene units.
-    footprint: f32,
-    /// The pixel's own normal.
-    facing: Vector3<f32>,
-    /// How well the reference view sees the point: [`Mean::clarity`].
-    clarity: f32,
-    /// Depths along the ray with their weights.
-    depths: Vec<[f32; 2]>,
-    /// The sum of normals in the world's frame.
-    normal: Vector3<f32>,
-    colour: [f32; 3],
-    colour_weight: f32,
-    confidence: f32,
+/// The reference view, with what the points of its pixels have in common.
+pub(crate) struct Viewpoint<'a> {
+    seen: &'a SeenView,
+    world_from_cam: Pose,
+    /// The rotation of `cam_from_world`.
+    rotation: Matrix3<f32>,
+    /// Principal point, pixels.
+    centre: [f32; 2],
+    /// 1 over the focal lengths, per pixel.
+    per_focal: [f32; 2],
+    /// 1 over the geometric mean of the focal lengths, per pixel.
+    radians_per_pixel: f32,
 }
 
-impl<'a> Mean<'a> {
-    /// The measurement of the reference view at its pixel (x, y).
-    pub fn new(reference: &'a SeenView, (x, y): (usize, usize)) -> Self {
-        let view = &reference.filtered;
+/// Pixels of the reference view that become points, one a lane, with the measurements of all views that agree.
+/// Positions are in the reference camera's frame.
+pub(crate) struct Means<'a> {
+    reference: &'a Viewpoint<'a>,
+    /// x and y of the pixels' rays, with z = 1.
+    ray: [Lanes; 2],
+    /// Size of the pixels on the surface, scene units.
+    footprint: Lanes,
+    /// The pixels' own normals.
+    facing: [Lanes; 3],
+    /// 1 over the scalar product of ray and normal; 0 if they are nearly perpendicular.
+    per_slant: Lanes,
+    /// How well the reference view sees the points, pixels per length on the surface.
+    clarity: Lanes,
+    sums: Sums,
+    /// Of the reference view and each view that was added, the depths along the rays and their weights, 0 where the view
+    /// does not agree.
+    depths: Vec<[Lanes; 2]>,
+    /// Room for those of one lane.
+    values: Vec<[f32; 2]>,
+}
+
+/// Sums over the views that agree.
+struct Sums {
+    /// Normals in the world's frame.
+    normal: [Lanes; 3],
+    colour: [Lanes; 3],
+    colour_weight: Lanes,
+    confidence: Lanes,
+}
+
+/// The pixels of a view that see the points, one a lane.
+struct Looks {
+    agrees: Lanes<bool>,
+    /// Packed normals.
+    normal: [Lanes<i16>; 2],
+    colour: [Lanes<u8>; 3],
+    /// Weight of the colour: less at an edge.
+    weight: Lanes,
+    confidence: Lanes,
+}
+
+impl<'a> Viewpoint<'a> {
+    pub fn new(seen: &'a SeenView) -> Self {
+        let view = &seen.filtered;
         let k = &view.camera.intrinsics;
-        let (u, v) = (x as f32 + 0.5 - k.cx as f32, y as f32 + 0.5 - k.cy as f32);
-        let depth = view.inverse_depth[(x, y)].recip();
-        let pixel = y * view.size().width + x;
-        let normal = reference.normal.data()[pixel].unpacked();
-        let mut mean = Self {
+        Self {
+            seen,
+            world_from_cam: view.cam_from_world.inverse(),
+            rotation: view.cam_from_world.rotation.cast(),
+            centre: [k.cx as f32, k.cy as f32],
+            per_focal: [k.fx.recip() as f32, k.fy.recip() as f32],
+            radians_per_pixel: focal(&view.camera).recip() as f32,
+        }
+    }
+}
+
+impl<'a> Means<'a> {
+    /// Room for the points of a strip.
+    pub fn new(reference: &'a Viewpoint<'a>) -> Self {
+        let none = [0.0; LANES];
+        let sums = Sums { normal: [none; 3], colour: [none; 3], colour_weight: none, confidence: none };
+        Self {
             reference,
-            ray: Vector3::new(u / k.fx as f32, v / k.fy as f32, 1.0),
-            footprint: depth / focal(&view.camera) as f32,
-            facing: view.cam_from_world.rotation.cast::<f32>() * normal,
-            clarity: 1.0,
-            depths: Vec::with_capacity(8),
-            normal: Vector3::zeros(),
-            colour: [0.0; 3],
-            colour_weight: 0.0,
-            confidence: 0.0,
-        };
-        mean.clarity = mean.clarity(&mean.ray, mean.footprint);
-        mean.add_depth(depth, view.confidence.data()[pixel], 1.0);
-        mean.add_look(reference, pixel, 1.0);
-        mean
+            ray: [none; 2],
+            footprint: none,
+            facing: [none; 3],
+            per_slant: none,
+            clarity: none,
+            sums,
+            depths: Vec::new(),
+            values: Vec::new(),
+        }
     }
 
-    /// Adds the answer of a source view in a lane in which it agrees.
-    pub fn add(&mut self, pair: &Pair<'_>, source: &SeenView, answers: &Answers, lane: usize) {
-        let (inverse_depth, pixel) = (answers.inverse_depth[lane], answers.pixel[lane] as usize);
-        let position = self.in_reference(answers, lane);
-        let footprint = pair.radians_per_pixel / inverse_depth;
-        let detail = (self.footprint / footprint).powi(2).min(MOST_DETAIL);
-        self.add_depth(self.along_ray(&position), source.filtered.confidence.data()[pixel], detail);
-        let from_camera = position - pair.reference_from_source.translation.cast::<f32>();
-        let ratio = self.clarity(&from_camera, footprint) / self.clarity;
-        self.add_look(source, pixel, ratio.min(1e3).powi(4));
+    /// Begins with what the reference view measures at the pixels x of row `y`, at most [`LANES`].
+    pub fn begin(&mut self, pixels: &[usize], y: usize) {
+        let seen = self.reference.seen;
+        let first = y * seen.filtered.size().width;
+        let mut chosen = [None; LANES];
+        chosen.iter_mut().zip(pixels).for_each(|(chosen, x)| *chosen = Some((first + x) as u32));
+        let looks = Looks::at(seen, &chosen);
+        let mut depth = [1.0; LANES];
+        for (lane, &x) in pixels.iter().enumerate() {
+            depth[lane] = seen.filtered.inverse_depth.data()[first + x].recip();
+            self.ray[0][lane] = (x as f32 + 0.5 - self.reference.centre[0]) * self.reference.per_focal[0];
+            self.ray[1][lane] = (y as f32 + 0.5 - self.reference.centre[1]) * self.reference.per_focal[1];
+        }
+        let none = [0.0; LANES];
+        self.sums = Sums { normal: [none; 3], colour: [none; 3], colour_weight: none, confidence: none };
+        self.depths.clear();
+        let mut depths = [none; 2];
+        measure_reference(&depth, &looks, self, &mut depths);
+        self.depths.push(depths);
     }
 
-    /// The point in the world; `max_relative_depth` is the largest relative difference of depths
+    /// Adds the answers of a source view in the lanes in which it agrees.
+    pub fn add(&mut self, pair: &Pair<'_>, source: &SeenView, answers: &Answers) {
+        let agreeing = answers.agreeing();
+        let mut depths = [[0.0; LANES]; 2];
+        if agreeing != 0 {
+            let mut chosen = [None; LANES];
+            for lane in 0..LANES {
+                chosen[lane] = (agreeing >> lane & 1 == 1).then_some(answers.pixel[lane]);
+            }
+            measure_source(pair, answers, &Looks::at(source, &chosen), self, &mut depths);
+        }
+        self.depths.push(depths);
+    }
+
+    /// For each view that was added, in that order, whether it agrees on the point of a lane.
+    pub fn agreeing(&self, lane: usize) -> impl Iterator<Item = bool> {
+        self.depths[1..].iter().map(move |[_, weight]| weight[lane] > 0.0)
+    }
+
+    /// The point of a lane in the world; `max_relative_depth` is the largest relative difference of depths
     /// that agree.
-    pub fn point(mut self, world_from_cam: &Pose, max_relative_depth: f32) -> CloudPoint {
-        let views = self.depths.len();
-        let depth = robust_mean(&mut self.depths, HALF_WEIGHT * max_relative_depth);
-        let colour: Rgb = self.colour.map(|sum| (sum / self.colour_weight + 0.5) as u8);
+    pub fn point(&mut self, lane: usize, max_relative_depth: f32) -> CloudPoint {
+        self.values.clear();
+        let values = self.depths.iter().map(|[depth, weight]| [depth[lane], weight[lane]]);
+        self.values.extend(values.filter(|[_, weight]| *weight > 0.0));
+        let views = self.values.len();
+        let depth = robust_mean(&mut self.values, HALF_WEIGHT * max_relative_depth);
+        let of = |sums: &[Lanes; 3]| sums.map(|sum| sum[lane]);
+        let colour: Rgb = of(&self.sums.colour).map(|sum| (sum / self.sums.colour_weight[lane] + 0.5) as u8);
+        let position = Vector3::new(self.ray[0][lane], self.ray[1][lane], 1.0) * depth;
         CloudPoint {
-            x_in_world: world_from_cam.transform(&(self.ray * depth).cast()).into(),
-            normal: self.normal.cast::<f64>().normalize().cast::<f32>().into(),
+            x_in_world: self.reference.world_from_cam.transform(&position.cast()).into(),
+            normal: Vector3::from(of(&self.sums.normal)).cast::<f64>().normalize().cast::<f32>().into(),
             colour,
-            confidence: self.confidence / views as f32,
+            confidence: self.sums.confidence[lane] / views as f32,
             views: views.min(255) as u8,
         }
     }
+}
 
-    fn add_depth(&mut self, depth: f32, confidence: f32, detail: f32) {
-        self.depths.push([depth, confidence.max(LEAST_CONFIDENCE) * detail]);
-        self.confidence += confidence;
+impl Looks {
+    /// The pixels with these indices.
+    fn at(view: &SeenView, pixels: &Lanes<Option<u32>>) -> Self {
+        let mut looks = Self {
+            agrees: [false; LANES],
+            normal: [[0; LANES]; 2],
+            colour: [[0; LANES]; 3],
+            weight: [0.0; LANES],
+            confidence: [0.0; LANES],
+        };
+        for lane in 0..LANES {
+            let Some(pixel) = pixels[lane] else { continue };
+            looks.agrees[lane] = true;
+            let PackedNormal(normal) = view.normal.data()[pixel as usize];
+            (looks.normal[0][lane], looks.normal[1][lane]) = (normal[0], normal[1]);
+            let [red, green, blue, inner] = view.look.data()[pixel as usize];
+            (looks.colour[0][lane], looks.colour[1][lane], looks.colour[2][lane]) = (red, green, blue);
+            looks.weight[lane] = if inner > 0 { 1.0 } else { AT_EDGE };
+            looks.confidence[lane] = view.filtered.confidence.data()[pixel as usize];
+        }
+        looks
     }
+}
 
-    /// Adds normal and colour of a pixel of a view.
-    fn add_look(&mut self, view: &SeenView, pixel: usize, weight: f32) {
-        let normal = view.normal.data()[pixel].unpacked();
+widened! {
+    /// Measures the reference view's own pixels.
+    fn measure_reference(depth: &Lanes, looks: &Looks, means: &mut Means<'_>, depths: &mut [Lanes; 2]) = measure_reference_any;
+}
+
+widened! {
+    /// Measures the pixels of a source view that agree.
+    fn measure_source(
+        pair: &Pair<'_>,
+        answers: &Answers,
+        looks: &Looks,
+        means: &mut Means<'_>,
+        depths: &mut [Lanes; 2],
+    ) = measure_source_any;
+}
+
+// No closures from here on: they would not be compiled for the widest vectors.
+#[inline(always)]
+fn measure_reference_any(depth: &Lanes, looks: &Looks, means: &mut Means<'_>, depths: &mut [Lanes; 2]) {
+    let (rotation, radians_per_pixel) = (&means.reference.rotation, means.reference.radians_per_pixel);
+    for lane in 0..LANES {
+        let [a, b, c] = PackedNormal([looks.normal[0][lane], looks.normal[1][lane]]).components();
+        let facing_x = rotation[(0, 0)] * a + rotation[(0, 1)] * b + rotation[(0, 2)] * c;
+        let facing_y = rotation[(1, 0)] * a + rotation[(1, 1)] * b + rotation[(1, 2)] * c;
+        let facing_z = rotation[(2, 0)] * a + rotation[(2, 1)] * b + rotation[(2, 2)] * c;
+        let (x, y) = (means.ray[0][lane], means.ray[1][lane]);
+        let slant = facing_x * x + facing_y * y + facing_z;
+        let length = (x * x + y * y + 1.0).sqrt();
+        let footprint = depth[lane] * radians_per_pixel;
+        means.facing[0][lane] = facing_x;
+        means.facing[1][lane] = facing_y;
+        means.facing[2][lane] = facing_z;
+        means.footprint[lane] = footprint;
+        means.per_slant[lane] = if slant.abs() >= LEAST_COSINE * length { 1.0 / slant } else { 0.0 };
+        means.clarity[lane] = larger(slant.abs() / length, LEAST_COSINE) / footprint;
+        depths[0][lane] = depth[lane];
+        let weight = larger(looks.confidence[lane], LEAST_CONFIDENCE);
+        depths[1][lane] = if looks.agrees[lane] { weight } else { 0.0 };
+        means.sums.add(looks, 1.0, lane);
+    }
+}
+
+#[inline(always)]
+fn measure_source_any(
+    pair: &Pair<'_>,
+    answers: &Answers,
+    looks: &Looks,
+    means: &mut Means<'_>,
+    depths: &mut [Lanes; 2],
+) {
+    let ([cx, cy], [per_fx, per_fy]) = (means.reference.centre, means.reference.per_focal);
+    let camera = &pair.source_centre;
+    for lane in 0..LANES {
+        // The source's surface point.
+        let per_w = 1.0 / answers.inverse_depth[lane];
+        let z = answers.back[2][lane];
+        let px = (answers.back[0][lane] - cx * z) * per_fx * per_w;
+        let py = (answers.back[1][lane] - cy * z) * per_fy * per_w;
+        let pz = z * per_w;
+        let (fx, fy, fz) = (means.facing[0][lane], means.facing[1][lane], means.facing[2][lane]);
+        // The depth at which the ray meets the plane through that point with the pixel's own normal.
+        let per_slant = means.per_slant[lane];
+        let along = if per_slant == 0.0 { pz } else { (fx * px + fy * py + fz * pz) * per_slant };
+        let footprint = pair.radians_per_pixel * per_w;
+        let relative = means.footprint[lane] / footprint;
+        let detail = smaller(relative * relative, MOST_DETAIL);
+        let (dx, dy, dz) = (px - camera.x, py - camera.y, pz - camera.z);
+        let cosine = (fx * dx + fy * dy + fz * dz).abs() / (dx * dx + dy * dy + dz * dz).sqrt();
+        let clarity = larger(cosine, LEAST_COSINE) / footprint;
+        let ratio = smaller(clarity / means.clarity[lane], 1e3);
+        depths[0][lane] = along;
+        let weight = larger(looks.confidence[lane], LEAST_CONFIDENCE) * detail;
+        depths[1][lane] = if looks.agrees[lane] { weight } else { 0.0 };
+        means.sums.add(looks, ratio * ratio * ratio * ratio, lane);
+    }
+}
+
+impl Sums {
+    /// Adds a pixel of a view with a weight of its colour, if the view agrees.
+    #[inline(always)]
+    fn add(&mut self, looks: &Looks, weight: f32, lane: usize) {
+        let agrees = looks.agrees[lane];
+        let [a, b, c] = PackedNormal([looks.normal[0][lane], looks.normal[1][lane]]).components();
+        let turned = self.normal[0][lane] * a + self.normal[1][lane] * b + self.normal[2][lane] * c;
         // The back of a thin sheet must not cancel its front.
-        if self.normal.dot(&normal) >= 0.0 {
-            self.normal += normal;
-        }
-        let weight = weight * if view.inner.at(pixel, view.filtered.size().width) { 1.0 } else { AT_EDGE };
-        for (sum, channel) in self.colour.iter_mut().zip(view.colour.data()[pixel]) {
-            *sum += weight * f32::from(channel);
-        }
-        self.colour_weight += weight;
+        let share = if agrees & (turned >= 0.0) { 1.0 } else { 0.0 };
+        self.normal[0][lane] += share * a;
+        self.normal[1][lane] += share * b;
+        self.normal[2][lane] += share * c;
+        let weight = if agrees { weight * looks.weight[lane] } else { 0.0 };
+        self.colour[0][lane] += weight * f32::from(looks.colour[0][lane]);
+        self.colour[1][lane] += weight * f32::from(looks.colour[1][lane]);
+        self.colour[2][lane] += weight * f32::from(looks.colour[2][lane]);
+        self.colour_weight[lane] += weight;
+        self.confidence[lane] += if agrees { looks.confidence[lane] } else { 0.0 };
     }
+}
 
-    /// The source's surface point in the reference camera's frame.
-    fn in_reference(&self, answers: &Answers, lane: usize) -> Vector3<f32> {
-        let k = &self.reference.filtered.camera.intrinsics;
-        let [x, y, z] = [0, 1, 2].map(|i| answers.back[i][lane]);
-        let depth = z / answers.inverse_depth[lane];
-        let (u, v) = (x / z - k.cx as f32, y / z - k.cy as f32);
-        Vector3::new(u / k.fx as f32 * depth, v / k.fy as f32 * depth, depth)
-    }
+#[inline(always)]
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
 
-    /// The depth at which the pixel's ray meets the plane through `position` with the pixel's own normal.
-    fn along_ray(&self, position: &Vector3<f32>) -> f32 {
-        let slant = self.facing.dot(&self.ray);
-        if slant.abs() < LEAST_COSINE * self.ray.norm() {
-            return position.z;
-        }
-        self.facing.dot(position) / slant
-    }
-
-    /// Pixels per length on the surface for a camera that sees it along `direction` with pixels of size `footprint`.
-    fn clarity(&self, direction: &Vector3<f32>, footprint: f32) -> f32 {
-        let cosine = self.facing.dot(direction).abs() / direction.norm();
-        cosine.max(LEAST_COSINE) / footprint
-    }
+#[inline(always)]
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
 }
 
 /// The robust mean of weighted values: a value whose distance to the weighted median is the share

@@ -8,12 +8,12 @@
 use std::ops::Range;
 
 use rayon::prelude::*;
-use vamvs_core::{Pose, Size};
+use vamvs_core::Size;
 
 use crate::FusedPoints;
 use crate::appearance::SeenView;
 use crate::bits::BitGrid;
-use crate::mean::Mean;
+use crate::mean::{Means, Viewpoint};
 use crate::pair::Pair;
 use crate::priority::Ranking;
 use crate::round_trip::{Answers, LANES, Strip, ask, bits, inverse_depths_in_source};
@@ -56,37 +56,42 @@ impl Merger<'_> {
 
     /// The points that some rows of the reference view make, in the order of the pixels.
     pub fn points(&self, rows: Range<usize>) -> FusedPoints {
-        let world_from_cam = self.reference.filtered.cam_from_world.inverse();
-        let room = || vec![Answers::new(); self.others.len()];
-        let row = |answers: &mut Vec<Answers>, y| self.row(y, answers, &world_from_cam);
+        let viewpoint = Viewpoint::new(self.reference);
+        let room = || (Answers::new(), Means::new(&viewpoint));
+        let row = |(answers, means): &mut (Answers, Means<'_>), y| self.row(y, answers, means);
         let rows: Vec<FusedPoints> = rows.into_par_iter().map_init(room, row).collect();
         let mut points = FusedPoints::default();
         rows.iter().for_each(|row| points.append(row));
         points
     }
 
-    fn row(&self, y: usize, answers: &mut [Answers], world_from_cam: &Pose) -> FusedPoints {
+    fn row(&self, y: usize, answers: &mut Answers, means: &mut Means<'_>) -> FusedPoints {
         let mut points = FusedPoints::default();
         for pixels in self.first_comers(y, answers).chunks(LANES) {
             let strip = self.strip(pixels, y);
-            for (other, answers) in self.others.iter().zip(answers.iter_mut()) {
+            means.begin(pixels, y);
+            for other in &self.others {
                 ask(&other.pair, &strip, answers);
+                means.add(&other.pair, other.seen, answers);
             }
-            for (lane, &x) in pixels.iter().enumerate() {
-                self.push_point((x, y), (answers, lane), world_from_cam, &mut points);
+            for lane in 0..pixels.len() {
+                let point = means.point(lane, self.max_relative_depth);
+                let agreeing = self.others.iter().zip(means.agreeing(lane)).filter(|(_, agrees)| *agrees);
+                let views = agreeing.map(|(other, _)| other.pair.source_view);
+                points.push(point, std::iter::once(self.view).chain(views));
             }
         }
         points
     }
 
     /// The kept pixels of a row whose places no view of higher priority takes.
-    fn first_comers(&self, y: usize, answers: &mut [Answers]) -> Vec<usize> {
+    fn first_comers(&self, y: usize, answers: &mut Answers) -> Vec<usize> {
         let mut pixels = Vec::new();
         let row = self.reference.filtered.inverse_depth.row(y);
         for (number, (&kept, inverse_depth)) in self.kept.row(y).iter().zip(row.chunks(LANES)).enumerate() {
             let strip = Strip::of_row(y, number * LANES, inverse_depth);
             let mut open = kept;
-            for (other, answers) in self.others.iter().zip(answers.iter_mut()) {
+            for other in &self.others {
                 if open & self.may_come_first(other, &strip) == 0 {
                     continue;
                 }
@@ -141,22 +146,5 @@ impl Merger<'_> {
             strip.inverse_depth[lane] = self.reference.filtered.inverse_depth[(x, y)];
         }
         strip
-    }
-
-    /// Makes a point of a pixel and the answers of all views in its lane.
-    fn push_point(
-        &self,
-        pixel: (usize, usize),
-        (answers, lane): (&[Answers], usize),
-        world_from_cam: &Pose,
-        points: &mut FusedPoints,
-    ) {
-        let mut mean = Mean::new(self.reference, pixel);
-        let agrees = |(_, answers): &(&RivalView<'_>, &Answers)| answers.error[lane] < 1.0;
-        let agreeing = || self.others.iter().zip(answers).filter(agrees);
-        agreeing().for_each(|(other, answers)| mean.add(&other.pair, other.seen, answers, lane));
-        let views = agreeing().map(|(other, _)| other.pair.source_view);
-        let point = mean.point(world_from_cam, self.max_relative_depth);
-        points.push(point, std::iter::once(self.view).chain(views));
     }
 }

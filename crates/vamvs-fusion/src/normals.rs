@@ -5,7 +5,7 @@
     reason = "one lane of many arrays at a time, as the compiler turns into vectors"
 )]
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use vamvs_core::Grid;
 
@@ -36,33 +36,79 @@ pub(crate) fn normals_in_cam(view: &FilteredView) -> Grid<(Vector3<f32>, bool)> 
     let size = view.size();
     let mut normals = Grid::filled(size, (Vector3::zeros(), false));
     let rows = normals.data_mut().par_chunks_mut(size.width.max(1)).enumerate();
+    let rays = Rays::of(view);
     rows.for_each(|(y, row)| {
         for (x, (to, fit)) in row.iter_mut().zip(fits_of_row(view, y)).enumerate() {
-            if view.inverse_depth[(x, y)] > 0.0 {
-                *to = (normal_in_cam(view, (x, y), fit.slopes), fit.inner);
+            let w = view.inverse_depth[(x, y)];
+            if w > 0.0 {
+                *to = (Vector3::from(rays.direction((x, y), w, fit.slopes)).normalize(), fit.inner);
             }
         }
     });
     normals
 }
 
-/// The unit normal at a pixel with these slopes.
-///
-/// On a plane the inverse depth is linear in the image, w = a·x + b·y + c, and the plane's normal is
-/// Kᵀ (a, b, c). The slopes a and b are fitted by least squares to the 5×5 pixels around, without
-/// those beyond an edge. Where too few are left, the normal is the direction to the camera.
-pub(crate) fn normal_in_cam(
+/// Directions along the normals of a row's pixels in the world's frame, of any length, towards the camera.
+pub(crate) fn directions_of_row(
     view: &FilteredView,
-    (x, y): (usize, usize),
-    slopes: Option<[f32; 2]>,
-) -> Vector3<f32> {
-    let k = &view.camera.intrinsics;
-    let w = view.inverse_depth[(x, y)];
-    let [u, v] = [x as f32 + 0.5 - k.cx as f32, y as f32 + 0.5 - k.cy as f32];
-    let (fx, fy) = (k.fx as f32, k.fy as f32);
-    match slopes {
-        Some([a, b]) => -Vector3::new(a * fx, b * fy, w - a * u - b * v).normalize(),
-        None => -Vector3::new(u / fx, v / fy, 1.0).normalize(),
+    y: usize,
+    fits: &[Fit],
+    world_from_cam: &Matrix3<f32>,
+) -> Vec<[f32; 3]> {
+    let mut directions = vec![[0.0; 3]; fits.len()];
+    let row = Row { rays: Rays::of(view), y, inverse_depth: view.inverse_depth.row(y), world_from_cam };
+    direct_row(&row, fits, &mut directions);
+    directions
+}
+
+/// A row of a view.
+struct Row<'a> {
+    rays: Rays,
+    y: usize,
+    inverse_depth: &'a [f32],
+    world_from_cam: &'a Matrix3<f32>,
+}
+
+widened! {
+    fn direct_row(row: &Row<'_>, fits: &[Fit], directions: &mut [[f32; 3]]) = direct_row_any;
+}
+
+#[inline(always)]
+fn direct_row_any(row: &Row<'_>, fits: &[Fit], directions: &mut [[f32; 3]]) {
+    let m = row.world_from_cam;
+    for x in 0..directions.len() {
+        let [a, b, c] = row.rays.direction((x, row.y), row.inverse_depth[x], fits[x].slopes);
+        directions[x][0] = m[(0, 0)] * a + m[(0, 1)] * b + m[(0, 2)] * c;
+        directions[x][1] = m[(1, 0)] * a + m[(1, 1)] * b + m[(1, 2)] * c;
+        directions[x][2] = m[(2, 0)] * a + m[(2, 1)] * b + m[(2, 2)] * c;
+    }
+}
+
+/// The rays of a view's pixels.
+struct Rays {
+    focal: [f32; 2],
+    centre: [f32; 2],
+}
+
+impl Rays {
+    fn of(view: &FilteredView) -> Self {
+        let k = &view.camera.intrinsics;
+        Self { focal: [k.fx as f32, k.fy as f32], centre: [k.cx as f32, k.cy as f32] }
+    }
+
+    /// A direction along the normal at a pixel with these slopes, in the camera's frame, towards the camera.
+    ///
+    /// On a plane the inverse depth is linear in the image, w = a·x + b·y + c, and the plane's normal is
+    /// Kᵀ (a, b, c). The slopes a and b are fitted by least squares to the 5×5 pixels around, without
+    /// those beyond an edge. Where too few are left, the normal is the direction to the camera.
+    #[inline(always)]
+    fn direction(&self, (x, y): (usize, usize), w: f32, slopes: Option<[f32; 2]>) -> [f32; 3] {
+        let [fx, fy] = self.focal;
+        let [u, v] = [x as f32 + 0.5 - self.centre[0], y as f32 + 0.5 - self.centre[1]];
+        match slopes {
+            Some([a, b]) => [-a * fx, -b * fy, a * u + b * v - w],
+            None => [-u / fx, -v / fy, -1.0],
+        }
     }
 }
 
@@ -117,6 +163,33 @@ struct Moments {
     yw: [f32; LANES],
 }
 
+/// The same over one row of the windows.
+#[derive(Default)]
+struct RowSums {
+    n: [f32; LANES],
+    x: [f32; LANES],
+    xx: [f32; LANES],
+    w: [f32; LANES],
+    xw: [f32; LANES],
+}
+
+impl RowSums {
+    /// Adds a pixel of each window, `x` to the right of the middle one, or nothing where it is beyond an edge.
+    #[inline(always)]
+    fn add(&mut self, x: f32, values: &[f32], middle: &[f32; LANES], step: f32) {
+        for lane in 0..LANES {
+            let w = values[lane] - middle[lane];
+            let same_surface = (values[lane] > 0.0) & (w.abs() <= step * middle[lane]);
+            let (counts, w) = if same_surface { (1.0, w) } else { (0.0, 0.0) };
+            self.n[lane] += counts;
+            self.x[lane] += counts * x;
+            self.xx[lane] += counts * (x * x);
+            self.w[lane] += w;
+            self.xw[lane] += w * x;
+        }
+    }
+}
+
 impl Moments {
     #[inline(always)]
     fn around(rows: &[Vec<f32>], first: usize, edge_step: f32) -> Self {
@@ -125,30 +198,30 @@ impl Moments {
         middle.copy_from_slice(&rows[RADIUS][first + RADIUS..first + RADIUS + LANES]);
         for (j, row) in rows.iter().enumerate() {
             let row = &row[first..first + LANES + 2 * RADIUS];
+            let y = j as f32 - RADIUS as f32;
+            let mut sums = RowSums::default();
             for i in 0..=2 * RADIUS {
-                let (x, y) = (i as f32 - RADIUS as f32, j as f32 - RADIUS as f32);
-                moments.add([x, y], &row[i..i + LANES], &middle, x.abs().max(y.abs()) * edge_step);
+                let x = i as f32 - RADIUS as f32;
+                sums.add(x, &row[i..i + LANES], &middle, x.abs().max(y.abs()) * edge_step);
             }
+            moments.add(y, &sums);
         }
         moments
     }
 
-    /// Adds a pixel of each window, or nothing where it is beyond an edge.
+    /// Adds a row of each window, `y` below the middle one.
     #[inline(always)]
-    fn add(&mut self, [x, y]: [f32; 2], values: &[f32], middle: &[f32; LANES], step: f32) {
+    fn add(&mut self, y: f32, row: &RowSums) {
         for lane in 0..LANES {
-            let w = values[lane] - middle[lane];
-            let same_surface = (values[lane] > 0.0) & (w.abs() <= step * middle[lane]);
-            let (counts, w) = if same_surface { (1.0, w) } else { (0.0, 0.0) };
-            self.n[lane] += counts;
-            self.x[lane] += counts * x;
-            self.y[lane] += counts * y;
-            self.xx[lane] += counts * (x * x);
-            self.xy[lane] += counts * (x * y);
-            self.yy[lane] += counts * (y * y);
-            self.w[lane] += w;
-            self.xw[lane] += w * x;
-            self.yw[lane] += w * y;
+            self.n[lane] += row.n[lane];
+            self.x[lane] += row.x[lane];
+            self.y[lane] += row.n[lane] * y;
+            self.xx[lane] += row.xx[lane];
+            self.xy[lane] += row.x[lane] * y;
+            self.yy[lane] += row.n[lane] * (y * y);
+            self.w[lane] += row.w[lane];
+            self.xw[lane] += row.xw[lane];
+            self.yw[lane] += row.w[lane] * y;
         }
     }
 

@@ -1,10 +1,10 @@
 //! Unit normals in four bytes.
 
-use nalgebra::Vector3;
+use crate::wide::widened;
 
 /// A unit normal or none, in octahedral encoding (Cigolle et al. 2014), exact to 0.006°.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct PackedNormal([i16; 2]);
+pub(crate) struct PackedNormal(pub [i16; 2]);
 
 /// No normal: no point of the square has this coordinate.
 const NONE: i16 = i16::MIN;
@@ -12,36 +12,54 @@ const NONE: i16 = i16::MIN;
 /// The largest coordinate.
 const SCALE: f32 = i16::MAX as f32;
 
-impl PackedNormal {
-    /// The nearest normal that can be packed; none for a vector without length.
-    #[inline]
-    pub fn new([x, y, z]: [f32; 3]) -> Self {
-        let sum = x.abs() + y.abs() + z.abs();
-        if !(sum > 0.0 && sum.is_finite()) {
-            return Self([NONE; 2]);
-        }
-        let (u, v) = (x / sum, y / sum);
-        let (u, v) = if z < 0.0 { folded(u, v) } else { (u, v) };
-        // Rounds to the nearest: `as` truncates.
-        Self([u, v].map(|c| (c * SCALE + 0.5_f32.copysign(c)) as i16))
-    }
+widened! {
+    /// Packs vectors of any length.
+    pub(crate) fn pack(vectors: &[[f32; 3]], normals: &mut [PackedNormal]) = pack_any;
+}
 
-    /// The unit normal; 0 if there is none.
-    #[inline]
-    pub fn unpacked(self) -> Vector3<f32> {
-        if self.0[0] == NONE {
-            return Vector3::zeros();
-        }
-        let [u, v] = self.0.map(|c| f32::from(c) / SCALE);
-        let z = 1.0 - u.abs() - v.abs();
-        let (x, y) = if z < 0.0 { folded(u, v) } else { (u, v) };
-        let normal = Vector3::new(x, y, z);
-        normal / normal.norm()
+#[inline(always)]
+fn pack_any(vectors: &[[f32; 3]], normals: &mut [PackedNormal]) {
+    for (normal, vector) in normals.iter_mut().zip(vectors) {
+        *normal = PackedNormal::new(*vector);
     }
 }
 
+impl PackedNormal {
+    /// The nearest normal that can be packed; none for a vector without length.
+    // Without branches, so that many at once are compiled for the widest vectors.
+    #[inline(always)]
+    pub fn new([x, y, z]: [f32; 3]) -> Self {
+        let sum = x.abs() + y.abs() + z.abs();
+        let has_length = (sum > 0.0) & (sum < f32::INFINITY);
+        let per_sum = if has_length { 1.0 / sum } else { 0.0 };
+        let (x, y, z) = if has_length { (x, y, z) } else { (0.0, 0.0, 0.0) };
+        let (u, v) = (x * per_sum, y * per_sum);
+        let (u, v) = if z < 0.0 { folded(u, v) } else { (u, v) };
+        let packed = [rounded(u * SCALE), rounded(v * SCALE)];
+        Self(if has_length { packed } else { [NONE; 2] })
+    }
+
+    /// The components of the unit normal; 0 if there is none.
+    #[inline(always)]
+    pub fn components(self) -> [f32; 3] {
+        let [u, v] = [f32::from(self.0[0]) * (1.0 / SCALE), f32::from(self.0[1]) * (1.0 / SCALE)];
+        let z = 1.0 - u.abs() - v.abs();
+        let (x, y) = if z < 0.0 { folded(u, v) } else { (u, v) };
+        let per_length = if self.0[0] == NONE { 0.0 } else { 1.0 / (x * x + y * y + z * z).sqrt() };
+        [x * per_length, y * per_length, z * per_length]
+    }
+}
+
+/// The nearest whole number.
+#[inline(always)]
+fn rounded(coordinate: f32) -> i16 {
+    // SAFETY: coordinates are finite and at most `SCALE` and some rounding, far below 2³¹.
+    let whole: i32 = unsafe { (coordinate + 0.5_f32.copysign(coordinate)).to_int_unchecked() };
+    whole.clamp(-(SCALE as i32), SCALE as i32) as i16
+}
+
 /// Swaps the lower half of the octahedron with the corners of the square, where it is stored.
-#[inline]
+#[inline(always)]
 fn folded(u: f32, v: f32) -> (f32, f32) {
     ((1.0 - v.abs()).copysign(u), (1.0 - u.abs()).copysign(v))
 }
@@ -49,6 +67,7 @@ fn folded(u: f32, v: f32) -> (f32, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector3;
 
     #[test]
     fn normals_in_all_directions_come_back() {
@@ -57,11 +76,11 @@ mod tests {
             let (z, angle) = (2.0 * a - 1.0, std::f32::consts::TAU * b);
             let radius = (1.0 - z * z).sqrt();
             let normal = Vector3::new(radius * angle.cos(), radius * angle.sin(), z);
-            let back = PackedNormal::new((3.0 * normal).into()).unpacked();
+            let back = Vector3::from(PackedNormal::new((3.0 * normal).into()).components());
             assert!((back - normal).norm() < 1e-4, "{normal} became {back}");
         }
         for none in [[0.0; 3], [f32::NAN, 0.0, 1.0], [f32::INFINITY, 0.0, 0.0]] {
-            assert_eq!(PackedNormal::new(none).unpacked(), Vector3::zeros());
+            assert_eq!(PackedNormal::new(none).components(), [0.0; 3]);
         }
     }
 }

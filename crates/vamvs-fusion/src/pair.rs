@@ -1,7 +1,6 @@
 //! A reference view and a source view: pixels are projected from one to the other and back.
 
 use nalgebra::{Matrix3, Vector3};
-use vamvs_core::Pose;
 use vamvs_core::homography::PixelTransfer;
 
 use crate::FuseOptions;
@@ -14,7 +13,8 @@ pub(crate) struct Pair<'a> {
     /// The source view's number.
     pub source_view: usize,
     pub source: &'a FilteredView,
-    pub reference_from_source: Pose,
+    /// The source camera's centre in the reference camera's frame.
+    pub source_centre: Vector3<f32>,
     pub to_source: Transfer,
     pub to_reference: Transfer,
     /// Largest reprojection error, pixels.
@@ -53,7 +53,7 @@ impl<'a> Pair<'a> {
             source,
             to_source: PixelTransfer::new(own, other, &source_from_reference).into(),
             to_reference: PixelTransfer::new(other, own, &reference_from_source).into(),
-            reference_from_source,
+            source_centre: reference_from_source.translation.cast(),
             max_reprojection: options.max_reprojection,
             max_relative_depth: options.max_relative_depth,
             radians_per_pixel: focal(&source.camera).recip() as f32,

@@ -1,9 +1,15 @@
 //! The photometric filter: keeps depths that are valid, unmasked and confident (section 4.2.2).
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "one pixel of many arrays at a time, as the compiler turns into vectors"
+)]
+
 use rayon::prelude::*;
 use vamvs_core::depth_map::is_valid;
 use vamvs_core::{Grid, Pinhole, Pose, Size};
 
+use crate::wide::widened;
 use crate::{FuseError, FuseOptions, MaskedMap, ViewReport};
 
 /// Tangent of the steepest slope against the image plane that counts as surface; beyond it (80.5°)
@@ -70,22 +76,63 @@ fn filter(loaded: &MaskedMap, options: &FuseOptions) -> (Grid<f32>, ViewReport) 
 
 fn filter_row(loaded: &MaskedMap, options: &FuseOptions, y: usize, row: &mut [f32]) -> ViewReport {
     let map = &loaded.map;
-    let (depth, confidence) = (map.depth.row(y), map.confidence.row(y));
-    let coarse = map.coarse_confidence.as_ref().map(|grid| grid.row(y));
-    let mask = loaded.mask.as_ref().map(|grid| grid.row(y));
-    let mut report = ViewReport::default();
-    let min = (options.min_confidence, options.min_coarse_confidence);
-    for (x, inverse) in row.iter_mut().enumerate() {
-        // Without branches: whether a pixel is confident may change from one to the next.
-        let with_depth = is_valid(depth[x]);
-        let unmasked = mask.is_none_or(|mask| mask[x]);
-        let confident = (confidence[x] >= min.0) & coarse.is_none_or(|coarse| coarse[x] >= min.1);
-        report.without_depth += u64::from(!with_depth);
-        report.masked += u64::from(with_depth & !unmasked);
-        report.unconfident += u64::from(with_depth & unmasked & !confident);
-        *inverse = if with_depth & unmasked & confident { depth[x].recip() } else { 0.0 };
+    let (certain, unmasked) = (vec![f32::INFINITY; row.len()], vec![true; row.len()]);
+    let pixels = Pixels {
+        depth: map.depth.row(y),
+        confidence: map.confidence.row(y),
+        coarse: map.coarse_confidence.as_ref().map_or(&certain, |grid| grid.row(y)),
+        mask: loaded.mask.as_ref().map_or(&unmasked, |grid| grid.row(y)),
+        least: [options.min_confidence, options.min_coarse_confidence],
+    };
+    let mut removed = Removed::default();
+    filter_pixels(&pixels, row, &mut removed);
+    let Removed { without_depth, masked, unconfident } = removed;
+    ViewReport {
+        without_depth: without_depth.into(),
+        masked: masked.into(),
+        unconfident: unconfident.into(),
+        ..ViewReport::default()
     }
-    report
+}
+
+/// A row of a map, and the least confidences.
+struct Pixels<'a> {
+    depth: &'a [f32],
+    confidence: &'a [f32],
+    coarse: &'a [f32],
+    mask: &'a [bool],
+    least: [f32; 2],
+}
+
+/// Numbers of pixels that the filter removed from a row.
+#[derive(Default)]
+struct Removed {
+    without_depth: u32,
+    masked: u32,
+    unconfident: u32,
+}
+
+widened! {
+    /// Sets the inverse depths of the pixels that pass, and 0 elsewhere.
+    fn filter_pixels(pixels: &Pixels<'_>, inverse_depth: &mut [f32], removed: &mut Removed) = filter_pixels_any;
+}
+
+// Without branches and closures, so that it is compiled for the widest vectors.
+#[inline(always)]
+fn filter_pixels_any(pixels: &Pixels<'_>, inverse_depth: &mut [f32], removed: &mut Removed) {
+    let count = inverse_depth.len();
+    let (depth, mask) = (&pixels.depth[..count], &pixels.mask[..count]);
+    let (confidence, coarse) = (&pixels.confidence[..count], &pixels.coarse[..count]);
+    let (mut without_depth, mut masked, mut unconfident) = (0, 0, 0);
+    for x in 0..count {
+        let with_depth = is_valid(depth[x]);
+        let confident = (confidence[x] >= pixels.least[0]) & (coarse[x] >= pixels.least[1]);
+        without_depth += u32::from(!with_depth);
+        masked += u32::from(with_depth & !mask[x]);
+        unconfident += u32::from(with_depth & mask[x] & !confident);
+        inverse_depth[x] = if with_depth & mask[x] & confident { 1.0 / depth[x] } else { 0.0 };
+    }
+    *removed = Removed { without_depth, masked, unconfident };
 }
 
 #[cfg(test)]
