@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 use rayon::prelude::*;
-use vamvs_core::Grid;
+use vamvs_core::{Grid, Rgb};
 
 use crate::normals::{directions_of_row, fits_of_row};
 use crate::packed_normal::{PackedNormal, pack};
@@ -12,11 +12,18 @@ use crate::{FuseError, FuseOptions, FusionView, MaskedMap};
 /// A view as the second pass needs it.
 pub(crate) struct SeenView {
     pub filtered: FilteredView,
-    /// Colours, and 1 for pixels whose whole 5×5 window lies on one surface. Others, with 0, may show
-    /// the colour of what is beside it.
-    pub look: Grid<[u8; 4]>,
-    /// Normals in the world's frame.
-    pub normal: Grid<PackedNormal>,
+    pub look: Grid<Look>,
+}
+
+/// What a pixel shows of a surface.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Look {
+    /// Normal in the world's frame.
+    pub normal: PackedNormal,
+    pub colour: Rgb,
+    /// Whether the whole 5×5 window lies on one surface. If not, the colour may be that of what is
+    /// beside it.
+    pub inner: bool,
 }
 
 impl SeenView {
@@ -24,32 +31,28 @@ impl SeenView {
     pub fn new(view: usize, loaded: FusionView, options: &FuseOptions) -> Result<Self, FuseError> {
         loaded.check(view)?;
         let FusionView { map, mask, colour, normals } = loaded;
-        let filtered = FilteredView::new(view, MaskedMap { map, mask }, options)?;
-        let mut seen = Self {
-            look: colour.map(|&[red, green, blue]| [red, green, blue, 0]),
-            normal: Grid::filled(filtered.size(), PackedNormal::default()),
-            filtered,
-        };
+        let filtered = FilteredView::new(view, &MaskedMap { map, mask }, options)?;
+        let look = colour.map(|&colour| Look { colour, ..Look::default() });
+        let mut seen = Self { filtered, look };
         seen.find_normals(normals.as_ref());
         Ok(seen)
     }
 
     /// Bytes held in memory.
     pub fn bytes(&self) -> usize {
-        self.filtered.bytes()
-            + self.filtered.size().area() * (size_of::<[u8; 4]>() + size_of::<PackedNormal>())
+        self.filtered.bytes() + self.filtered.size().area() * size_of::<Look>()
     }
 
     /// Finds the normals, unless they are given, and the pixels that are not at an edge.
     fn find_normals(&mut self, given: Option<&Grid<[f32; 3]>>) {
         let world_from_cam = self.filtered.cam_from_world.rotation.transpose().cast::<f32>();
         let (view, width) = (&self.filtered, self.filtered.size().width.max(1));
-        let rows =
-            self.normal.data_mut().par_chunks_mut(width).zip(self.look.data_mut().par_chunks_mut(width));
-        rows.enumerate().for_each(|(y, (normals, looks))| {
+        self.look.data_mut().par_chunks_mut(width).enumerate().for_each(|(y, looks)| {
             let given = given.map(|given| given.row(y));
             let directions = directions(view, y, (given, &world_from_cam), looks);
-            pack(&directions, normals);
+            let mut normals = vec![PackedNormal::default(); width];
+            pack(&directions, &mut normals);
+            looks.iter_mut().zip(normals).for_each(|(look, normal)| look.normal = normal);
         });
     }
 }
@@ -60,16 +63,16 @@ fn directions(
     view: &FilteredView,
     y: usize,
     (given, world_from_cam): (Option<&[[f32; 3]]>, &Matrix3<f32>),
-    looks: &mut [[u8; 4]],
+    looks: &mut [Look],
 ) -> Vec<[f32; 3]> {
     let fits = fits_of_row(view, y);
     let mut directions = directions_of_row(view, y, &fits, world_from_cam);
     for (x, (direction, fit)) in directions.iter_mut().zip(&fits).enumerate() {
-        if view.inverse_depth[(x, y)] <= 0.0 {
+        if view.inverse_depth((x, y)) <= 0.0 {
             *direction = [0.0; 3];
             continue;
         }
-        looks[x][3] = u8::from(fit.inner);
+        looks[x].inner = fit.inner;
         if let Some(given) = given.map(|given| given[x]).filter(|given| given != &[0.0; 3]) {
             *direction = given;
         }

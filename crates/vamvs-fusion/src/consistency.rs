@@ -17,7 +17,7 @@
 
 use crate::pair::Pair;
 use crate::photometric::FilteredView;
-use crate::round_trip::{Answers, LANES, Lanes, PREFETCH_STEP, Strip, ask, bits, prefetch};
+use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits};
 use crate::wide::widened;
 use crate::{Consistency, FuseOptions};
 
@@ -62,7 +62,7 @@ impl<'a> Rule<'a> {
                 break;
             }
             ask(pair, strip, &mut answers);
-            count(pair, &answers, CLEARLY_BEHIND * self.options.max_relative_depth, &mut tally);
+            count(&answers, CLEARLY_BEHIND * self.options.max_relative_depth, &mut tally);
         }
         asked & self.accepted(&tally, &needed)
     }
@@ -70,8 +70,8 @@ impl<'a> Rule<'a> {
     /// The votes that each pixel needs: the less confident the pixel, the more.
     fn needed(&self, first: usize, y: usize) -> Lanes {
         let mut needed = [f32::INFINITY; LANES];
-        let own = &self.reference.confidence.row(y)[first..];
-        let factor = |own: &f32| self.options.min_support / own.sqrt();
+        let own = &self.reference.samples.row(y)[first..];
+        let factor = |[_, own]: &[f32; 2]| self.options.min_support / own.sqrt();
         needed.iter_mut().zip(own).for_each(|(needed, own)| *needed = factor(own));
         needed
     }
@@ -112,38 +112,24 @@ impl<'a> Rule<'a> {
 widened! {
     /// Counts the answers of a source view. It votes against points that are in front of its
     /// surface by more than the share `margin` of its depth.
-    fn count(pair: &Pair<'_>, answers: &Answers, margin: f32, tally: &mut Tally) = count_any;
+    fn count(answers: &Answers, margin: f32, tally: &mut Tally) = count_any;
 }
 
 #[inline(always)]
-fn count_any(pair: &Pair<'_>, answers: &Answers, margin: f32, tally: &mut Tally) {
-    let mut says_something = false;
-    for lane in 0..LANES {
-        says_something |= (answers.error[lane] < 1.0) | (answers.behind[lane] > margin);
-    }
-    if !says_something {
-        return;
-    }
-    let confidence = pair.source.confidence.data();
-    let width = pair.source.size().width;
-    for lane in (0..LANES).step_by(PREFETCH_STEP) {
-        prefetch(confidence, answers.pixel[lane] as usize + width);
-    }
-    let mut sure = [0.0; LANES];
-    for lane in 0..LANES {
-        sure[lane] = confidence[answers.pixel[lane] as usize];
-    }
-    for lane in 0..LANES {
-        sure[lane] = if sure[lane] < 1.0 { sure[lane].sqrt() } else { 1.0 };
-    }
+fn count_any(answers: &Answers, margin: f32, tally: &mut Tally) {
     for lane in 0..LANES {
         let (error, angle) = (answers.error[lane], answers.parallax[lane] / FULL_PARALLAX);
-        let angle = if angle < 1.0 { angle } else { 1.0 };
+        let (angle, sure) = (at_most_1(angle), at_most_1(answers.confidence[lane]).sqrt());
         let agrees = error < 1.0;
         tally.views[lane] += if agrees { 1.0 } else { 0.0 };
-        tally.support[lane] += if agrees { (1.0 - error) * angle * sure[lane] } else { 0.0 };
-        tally.against[lane] += if answers.behind[lane] > margin { sure[lane] } else { 0.0 };
+        tally.support[lane] += if agrees { (1.0 - error) * angle * sure } else { 0.0 };
+        tally.against[lane] += if answers.behind[lane] > margin { sure } else { 0.0 };
     }
+}
+
+#[inline(always)]
+fn at_most_1(value: f32) -> f32 {
+    if value < 1.0 { value } else { 1.0 }
 }
 
 #[cfg(test)]
@@ -178,7 +164,7 @@ mod tests {
                 confidence: Grid::filled(SIZE, self.confidence),
                 coarse_confidence: None,
             };
-            FilteredView::new(0, MaskedMap { map, mask: None }, &FuseOptions::default()).unwrap()
+            FilteredView::new(0, &MaskedMap { map, mask: None }, &FuseOptions::default()).unwrap()
         }
     }
 
@@ -187,7 +173,7 @@ mod tests {
         let views: Vec<FilteredView> = walls.iter().map(|wall| wall.view()).collect();
         let (reference, sources) = (&views[0], &views[1..]);
         let pairs: Vec<_> = sources.iter().map(|source| Pair::new(reference, 1, source, options)).collect();
-        let strip = Strip::of_row(24, 0, reference.inverse_depth.row(24));
+        let strip = Strip::of_row(24, 0, reference.samples.row(24));
         Rule::new(reference, &pairs, options).confirmed(&strip, (0, 24)) >> 32 & 1 == 1
     }
 

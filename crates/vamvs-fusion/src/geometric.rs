@@ -69,9 +69,9 @@ struct RowCount {
 impl RowFilter<'_> {
     fn keep(&self, y: usize, row: &mut [u64]) -> RowCount {
         let mut count = RowCount::default();
-        let strips = self.reference.inverse_depth.row(y).chunks(LANES);
-        for (number, (word, inverse_depth)) in row.iter_mut().zip(strips).enumerate() {
-            let mut strip = Strip::of_row(y, number * LANES, inverse_depth);
+        let strips = self.reference.samples.row(y).chunks(LANES);
+        for (number, (word, samples)) in row.iter_mut().zip(strips).enumerate() {
+            let mut strip = Strip::of_row(y, number * LANES, samples);
             count.outside_roi += self.roi.as_ref().map_or(0, |roi| roi.remove_outside(&mut strip));
             *word = self.rule.confirmed(&strip, (number * LANES, y));
             count.add(*word, &strip);

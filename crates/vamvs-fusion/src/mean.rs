@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, Vector3};
 use vamvs_core::{CloudPoint, Pose, Rgb};
 
-use crate::appearance::SeenView;
+use crate::appearance::{Look, SeenView};
 use crate::packed_normal::PackedNormal;
 use crate::pair::Pair;
 use crate::photometric::focal;
@@ -87,7 +87,6 @@ struct Looks {
     colour: [Lanes<u8>; 3],
     /// Weight of the colour: less at an edge.
     weight: Lanes,
-    confidence: Lanes,
 }
 
 impl<'a> Viewpoint<'a> {
@@ -130,9 +129,10 @@ impl<'a> Means<'a> {
         let mut chosen = [None; LANES];
         chosen.iter_mut().zip(pixels).for_each(|(chosen, x)| *chosen = Some((first + x) as u32));
         let looks = Looks::at(seen, &chosen);
-        let mut depth = [1.0; LANES];
+        let (mut depth, mut confidence) = ([1.0; LANES], [0.0; LANES]);
         for (lane, &x) in pixels.iter().enumerate() {
-            depth[lane] = seen.filtered.inverse_depth.data()[first + x].recip();
+            let [inverse_depth, sure] = seen.filtered.samples.data()[first + x];
+            (depth[lane], confidence[lane]) = (inverse_depth.recip(), sure);
             self.ray[0][lane] = (x as f32 + 0.5 - self.reference.centre[0]) * self.reference.per_focal[0];
             self.ray[1][lane] = (y as f32 + 0.5 - self.reference.centre[1]) * self.reference.per_focal[1];
         }
@@ -140,7 +140,7 @@ impl<'a> Means<'a> {
         self.sums = Sums { normal: [none; 3], colour: [none; 3], colour_weight: none, confidence: none };
         self.depths.clear();
         let mut depths = [none; 2];
-        measure_reference(&depth, &looks, self, &mut depths);
+        measure_reference([&depth, &confidence], &looks, self, &mut depths);
         self.depths.push(depths);
     }
 
@@ -192,25 +192,23 @@ impl Looks {
             normal: [[0; LANES]; 2],
             colour: [[0; LANES]; 3],
             weight: [0.0; LANES],
-            confidence: [0.0; LANES],
         };
         for lane in 0..LANES {
             let Some(pixel) = pixels[lane] else { continue };
+            let Look { normal: PackedNormal([u, v]), colour: [red, green, blue], inner } =
+                view.look.data()[pixel as usize];
             looks.agrees[lane] = true;
-            let PackedNormal(normal) = view.normal.data()[pixel as usize];
-            (looks.normal[0][lane], looks.normal[1][lane]) = (normal[0], normal[1]);
-            let [red, green, blue, inner] = view.look.data()[pixel as usize];
+            (looks.normal[0][lane], looks.normal[1][lane]) = (u, v);
             (looks.colour[0][lane], looks.colour[1][lane], looks.colour[2][lane]) = (red, green, blue);
-            looks.weight[lane] = if inner > 0 { 1.0 } else { AT_EDGE };
-            looks.confidence[lane] = view.filtered.confidence.data()[pixel as usize];
+            looks.weight[lane] = if inner { 1.0 } else { AT_EDGE };
         }
         looks
     }
 }
 
 widened! {
-    /// Measures the reference view's own pixels.
-    fn measure_reference(depth: &Lanes, looks: &Looks, means: &mut Means<'_>, depths: &mut [Lanes; 2]) = measure_reference_any;
+    /// Measures the reference view's own pixels, which have these depths and confidences.
+    fn measure_reference(own: [&Lanes; 2], looks: &Looks, means: &mut Means<'_>, depths: &mut [Lanes; 2]) = measure_reference_any;
 }
 
 widened! {
@@ -226,7 +224,12 @@ widened! {
 
 // No closures from here on: they would not be compiled for the widest vectors.
 #[inline(always)]
-fn measure_reference_any(depth: &Lanes, looks: &Looks, means: &mut Means<'_>, depths: &mut [Lanes; 2]) {
+fn measure_reference_any(
+    [depth, confidence]: [&Lanes; 2],
+    looks: &Looks,
+    means: &mut Means<'_>,
+    depths: &mut [Lanes; 2],
+) {
     let (rotation, radians_per_pixel) = (&means.reference.rotation, means.reference.radians_per_pixel);
     for lane in 0..LANES {
         let [a, b, c] = PackedNormal([looks.normal[0][lane], looks.normal[1][lane]]).components();
@@ -244,9 +247,9 @@ fn measure_reference_any(depth: &Lanes, looks: &Looks, means: &mut Means<'_>, de
         means.per_slant[lane] = if slant.abs() >= LEAST_COSINE * length { 1.0 / slant } else { 0.0 };
         means.clarity[lane] = larger(slant.abs() / length, LEAST_COSINE) / footprint;
         depths[0][lane] = depth[lane];
-        let weight = larger(looks.confidence[lane], LEAST_CONFIDENCE);
+        let weight = larger(confidence[lane], LEAST_CONFIDENCE);
         depths[1][lane] = if looks.agrees[lane] { weight } else { 0.0 };
-        means.sums.add(looks, 1.0, lane);
+        means.sums.add(looks, (1.0, confidence[lane]), lane);
     }
 }
 
@@ -279,16 +282,16 @@ fn measure_source_any(
         let clarity = larger(cosine, LEAST_COSINE) / footprint;
         let ratio = smaller(clarity / means.clarity[lane], 1e3);
         depths[0][lane] = along;
-        let weight = larger(looks.confidence[lane], LEAST_CONFIDENCE) * detail;
+        let weight = larger(answers.confidence[lane], LEAST_CONFIDENCE) * detail;
         depths[1][lane] = if looks.agrees[lane] { weight } else { 0.0 };
-        means.sums.add(looks, ratio * ratio * ratio * ratio, lane);
+        means.sums.add(looks, (ratio * ratio * ratio * ratio, answers.confidence[lane]), lane);
     }
 }
 
 impl Sums {
-    /// Adds a pixel of a view with a weight of its colour, if the view agrees.
+    /// Adds a pixel of a view with a weight of its colour and its confidence, if the view agrees.
     #[inline(always)]
-    fn add(&mut self, looks: &Looks, weight: f32, lane: usize) {
+    fn add(&mut self, looks: &Looks, (weight, confidence): (f32, f32), lane: usize) {
         let agrees = looks.agrees[lane];
         let [a, b, c] = PackedNormal([looks.normal[0][lane], looks.normal[1][lane]]).components();
         let turned = self.normal[0][lane] * a + self.normal[1][lane] * b + self.normal[2][lane] * c;
@@ -302,7 +305,7 @@ impl Sums {
         self.colour[1][lane] += weight * f32::from(looks.colour[1][lane]);
         self.colour[2][lane] += weight * f32::from(looks.colour[2][lane]);
         self.colour_weight[lane] += weight;
-        self.confidence[lane] += if agrees { looks.confidence[lane] } else { 0.0 };
+        self.confidence[lane] += if agrees { confidence } else { 0.0 };
     }
 }
 

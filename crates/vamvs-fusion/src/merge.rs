@@ -54,20 +54,18 @@ impl Merger<'_> {
         (0..height).step_by(rows).map(move |first| first..(first + rows).min(height))
     }
 
-    /// The points that some rows of the reference view make, in the order of the pixels.
-    pub fn points(&self, rows: Range<usize>) -> FusedPoints {
+    /// The points that some rows of the reference view make, row by row in the order of the pixels.
+    pub fn points(&self, rows: Range<usize>) -> Vec<FusedPoints> {
         let viewpoint = Viewpoint::new(self.reference);
         let room = || (Answers::new(), Means::new(&viewpoint));
         let row = |(answers, means): &mut (Answers, Means<'_>), y| self.row(y, answers, means);
-        let rows: Vec<FusedPoints> = rows.into_par_iter().map_init(room, row).collect();
-        let mut points = FusedPoints::default();
-        rows.iter().for_each(|row| points.append(row));
-        points
+        rows.into_par_iter().map_init(room, row).collect()
     }
 
     fn row(&self, y: usize, answers: &mut Answers, means: &mut Means<'_>) -> FusedPoints {
-        let mut points = FusedPoints::default();
-        for pixels in self.first_comers(y, answers).chunks(LANES) {
+        let pixels = self.first_comers(y, answers);
+        let mut points = FusedPoints::with_room(pixels.len());
+        for pixels in pixels.chunks(LANES) {
             let strip = self.strip(pixels, y);
             means.begin(pixels, y);
             for other in &self.others {
@@ -87,9 +85,9 @@ impl Merger<'_> {
     /// The kept pixels of a row whose places no view of higher priority takes.
     fn first_comers(&self, y: usize, answers: &mut Answers) -> Vec<usize> {
         let mut pixels = Vec::new();
-        let row = self.reference.filtered.inverse_depth.row(y);
-        for (number, (&kept, inverse_depth)) in self.kept.row(y).iter().zip(row.chunks(LANES)).enumerate() {
-            let strip = Strip::of_row(y, number * LANES, inverse_depth);
+        let row = self.reference.filtered.samples.row(y);
+        for (number, (&kept, samples)) in self.kept.row(y).iter().zip(row.chunks(LANES)).enumerate() {
+            let strip = Strip::of_row(y, number * LANES, samples);
             let mut open = kept;
             for other in &self.others {
                 if open & self.may_come_first(other, &strip) == 0 {
@@ -130,7 +128,7 @@ impl Merger<'_> {
             let own = self.ranking.rank(strip.inverse_depth[lane]);
             let pixel = answers.pixel[lane] as usize;
             // Not the interpolated depth: see `Rank`.
-            let theirs = other.seen.filtered.inverse_depth.data()[pixel];
+            let [theirs, _] = other.seen.filtered.samples.data()[pixel];
             if other.kept.at(pixel, width) && other.ranking.rank(theirs) < own {
                 taken |= 1 << lane;
             }
@@ -143,7 +141,7 @@ impl Merger<'_> {
         let mut strip = Strip::empty(y as f32 + 0.5);
         for (lane, &x) in pixels.iter().enumerate() {
             strip.x[lane] = x as f32 + 0.5;
-            strip.inverse_depth[lane] = self.reference.filtered.inverse_depth[(x, y)];
+            strip.inverse_depth[lane] = self.reference.filtered.inverse_depth((x, y));
         }
         strip
     }

@@ -39,7 +39,7 @@ pub(crate) fn normals_in_cam(view: &FilteredView) -> Grid<(Vector3<f32>, bool)> 
     let rays = Rays::of(view);
     rows.for_each(|(y, row)| {
         for (x, (to, fit)) in row.iter_mut().zip(fits_of_row(view, y)).enumerate() {
-            let w = view.inverse_depth[(x, y)];
+            let w = view.inverse_depth((x, y));
             if w > 0.0 {
                 *to = (Vector3::from(rays.direction((x, y), w, fit.slopes)).normalize(), fit.inner);
             }
@@ -56,7 +56,7 @@ pub(crate) fn directions_of_row(
     world_from_cam: &Matrix3<f32>,
 ) -> Vec<[f32; 3]> {
     let mut directions = vec![[0.0; 3]; fits.len()];
-    let row = Row { rays: Rays::of(view), y, inverse_depth: view.inverse_depth.row(y), world_from_cam };
+    let row = Row { rays: Rays::of(view), y, samples: view.samples.row(y), world_from_cam };
     direct_row(&row, fits, &mut directions);
     directions
 }
@@ -65,7 +65,7 @@ pub(crate) fn directions_of_row(
 struct Row<'a> {
     rays: Rays,
     y: usize,
-    inverse_depth: &'a [f32],
+    samples: &'a [[f32; 2]],
     world_from_cam: &'a Matrix3<f32>,
 }
 
@@ -77,7 +77,7 @@ widened! {
 fn direct_row_any(row: &Row<'_>, fits: &[Fit], directions: &mut [[f32; 3]]) {
     let m = row.world_from_cam;
     for x in 0..directions.len() {
-        let [a, b, c] = row.rays.direction((x, row.y), row.inverse_depth[x], fits[x].slopes);
+        let [a, b, c] = row.rays.direction((x, row.y), row.samples[x][0], fits[x].slopes);
         directions[x][0] = m[(0, 0)] * a + m[(0, 1)] * b + m[(0, 2)] * c;
         directions[x][1] = m[(1, 0)] * a + m[(1, 1)] * b + m[(1, 2)] * c;
         directions[x][2] = m[(2, 0)] * a + m[(2, 1)] * b + m[(2, 2)] * c;
@@ -126,7 +126,7 @@ fn padded_rows(view: &FilteredView, y: usize) -> Vec<Vec<f32>> {
     let padded = |j: usize| {
         let mut row = vec![0.0; size.width + 2 * RADIUS + LANES];
         if let Some(j) = j.checked_sub(RADIUS).filter(|&j| j < size.height) {
-            row[RADIUS..RADIUS + size.width].copy_from_slice(view.inverse_depth.row(j));
+            row[RADIUS..].iter_mut().zip(view.samples.row(j)).for_each(|(to, [w, _])| *to = *w);
         }
         row
     };

@@ -7,15 +7,15 @@ use vamvs_core::Part;
 
 use crate::appearance::SeenView;
 use crate::cache::ViewCache;
-use crate::collector::{Batch, typical_footprint};
+use crate::collector::typical_footprint;
 use crate::event::{FuseEvent, OnFuseEvent, tell};
 use crate::geometric::keep;
 use crate::merge::{Merger, RivalView};
-use crate::outlet::{Outlet, Take};
+use crate::outlet::{Outlet, Pending, Take};
 use crate::pair::Pair;
 use crate::photometric::FilteredView;
 use crate::priority::Ranking;
-use crate::{ConsistentPixels, Counts, FuseError, FuseJob, FusedPoints, MapSource, Schedule};
+use crate::{ConsistentPixels, Counts, FuseError, FuseJob, MapSource, Schedule};
 
 /// The consistent pixels of views, by the views' numbers.
 pub type ConsistentViews = BTreeMap<usize, ConsistentPixels>;
@@ -82,7 +82,7 @@ impl<S: MapSource + ?Sized> FuseJob<'_, S> {
     /// A view as the first pass needs it.
     fn filtered(&self, view: usize) -> Result<FilteredView, FuseError> {
         let failed = |error: S::Error| FuseError::Load { view, source: error.into() };
-        FilteredView::new(view, self.source.load_map(view).map_err(failed)?, self.options)
+        FilteredView::new(view, &self.source.load_map(view).map_err(failed)?, self.options)
     }
 
     /// A view as the second pass needs it.
@@ -116,7 +116,7 @@ impl<S: MapSource + ?Sized> Merging<'_, S> {
                 cache.with(&wanted(&view), &next, |views| self.merge(view, views, outlet))??;
             } else {
                 outlet.flush()?;
-                outlet.hold(Batch { view, points: FusedPoints::default(), is_last: true });
+                outlet.hold(Pending { view, rows: Vec::new(), is_last: true });
             }
         }
         Ok(cache.most_bytes())
@@ -132,12 +132,12 @@ impl<S: MapSource + ?Sized> Merging<'_, S> {
         let merger = self.merger(view, views);
         let last = merger.batches().last();
         for rows in merger.batches() {
-            let (is_last, mut points) = (Some(&rows) == last.as_ref(), FusedPoints::default());
+            let (is_last, mut points) = (Some(&rows) == last.as_ref(), Vec::new());
             rayon::in_place_scope(|scope| {
                 scope.spawn(|_| points = merger.points(rows));
                 outlet.flush()
             })?;
-            outlet.hold(Batch { view, points, is_last });
+            outlet.hold(Pending { view, rows: points, is_last });
         }
         Ok(())
     }

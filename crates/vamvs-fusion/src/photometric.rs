@@ -24,9 +24,9 @@ const MAX_SLOPE: f64 = 6.0;
 pub(crate) struct FilteredView {
     pub camera: Pinhole,
     pub cam_from_world: Pose,
-    /// 1/depth; 0 where there is none or it was filtered out.
-    pub inverse_depth: Grid<f32>,
-    pub confidence: Grid<f32>,
+    /// 1/depth and confidence of each pixel, which are needed together; 1/depth is 0 where there is no
+    /// depth or it was filtered out.
+    pub samples: Grid<[f32; 2]>,
     /// What the filter removed; the later fields are 0.
     pub report: ViewReport,
     /// The relative change of inverse depth from a pixel to the next beyond which there is an edge.
@@ -35,27 +35,31 @@ pub(crate) struct FilteredView {
 
 impl FilteredView {
     /// Applies the filter to view number `view`.
-    pub fn new(view: usize, loaded: MaskedMap, options: &FuseOptions) -> Result<Self, FuseError> {
+    pub fn new(view: usize, loaded: &MaskedMap, options: &FuseOptions) -> Result<Self, FuseError> {
         loaded.check(view)?;
-        let (inverse_depth, report) = filter(&loaded, options);
+        let (samples, report) = filter(loaded, options);
         let camera = loaded.map.camera;
         Ok(Self {
             camera,
             cam_from_world: loaded.map.cam_from_world,
-            inverse_depth,
-            confidence: loaded.map.confidence,
+            samples,
             report,
             edge_step: (MAX_SLOPE / focal(&camera)) as f32,
         })
     }
 
     pub fn size(&self) -> Size {
-        self.inverse_depth.size()
+        self.samples.size()
+    }
+
+    /// 1/depth of a pixel.
+    pub fn inverse_depth(&self, (x, y): (usize, usize)) -> f32 {
+        self.samples[(x, y)][0]
     }
 
     /// Bytes held in memory.
     pub fn bytes(&self) -> usize {
-        self.size().area() * 2 * size_of::<f32>()
+        self.size().area() * size_of::<[f32; 2]>()
     }
 }
 
@@ -64,17 +68,17 @@ pub(crate) fn focal(camera: &Pinhole) -> f64 {
     (camera.intrinsics.fx * camera.intrinsics.fy).sqrt()
 }
 
-fn filter(loaded: &MaskedMap, options: &FuseOptions) -> (Grid<f32>, ViewReport) {
+fn filter(loaded: &MaskedMap, options: &FuseOptions) -> (Grid<[f32; 2]>, ViewReport) {
     let size = loaded.map.depth.size();
-    let mut inverse_depth = Grid::filled(size, 0.0);
-    let rows = inverse_depth.data_mut().par_chunks_mut(size.width.max(1)).enumerate();
+    let mut samples = Grid::filled(size, [0.0; 2]);
+    let rows = samples.data_mut().par_chunks_mut(size.width.max(1)).enumerate();
     let reports: Vec<ViewReport> = rows.map(|(y, row)| filter_row(loaded, options, y, row)).collect();
     let mut report = ViewReport { pixels: size.area() as u64, ..ViewReport::default() };
     reports.into_iter().for_each(|row| report += row);
-    (inverse_depth, report)
+    (samples, report)
 }
 
-fn filter_row(loaded: &MaskedMap, options: &FuseOptions, y: usize, row: &mut [f32]) -> ViewReport {
+fn filter_row(loaded: &MaskedMap, options: &FuseOptions, y: usize, row: &mut [[f32; 2]]) -> ViewReport {
     let map = &loaded.map;
     let (certain, unmasked) = (vec![f32::INFINITY; row.len()], vec![true; row.len()]);
     let pixels = Pixels {
@@ -113,14 +117,14 @@ struct Removed {
 }
 
 widened! {
-    /// Sets the inverse depths of the pixels that pass, and 0 elsewhere.
-    fn filter_pixels(pixels: &Pixels<'_>, inverse_depth: &mut [f32], removed: &mut Removed) = filter_pixels_any;
+    /// Sets the inverse depths of the pixels that pass, 0 elsewhere, and the confidences.
+    fn filter_pixels(pixels: &Pixels<'_>, samples: &mut [[f32; 2]], removed: &mut Removed) = filter_pixels_any;
 }
 
 // Without branches and closures, so that it is compiled for the widest vectors.
 #[inline(always)]
-fn filter_pixels_any(pixels: &Pixels<'_>, inverse_depth: &mut [f32], removed: &mut Removed) {
-    let count = inverse_depth.len();
+fn filter_pixels_any(pixels: &Pixels<'_>, samples: &mut [[f32; 2]], removed: &mut Removed) {
+    let count = samples.len();
     let (depth, mask) = (&pixels.depth[..count], &pixels.mask[..count]);
     let (confidence, coarse) = (&pixels.confidence[..count], &pixels.coarse[..count]);
     let (mut without_depth, mut masked, mut unconfident) = (0, 0, 0);
@@ -130,7 +134,8 @@ fn filter_pixels_any(pixels: &Pixels<'_>, inverse_depth: &mut [f32], removed: &m
         without_depth += u32::from(!with_depth);
         masked += u32::from(with_depth & !mask[x]);
         unconfident += u32::from(with_depth & mask[x] & !confident);
-        inverse_depth[x] = if with_depth & mask[x] & confident { 1.0 / depth[x] } else { 0.0 };
+        let passes = with_depth & mask[x] & confident;
+        samples[x] = [if passes { 1.0 / depth[x] } else { 0.0 }, confidence[x]];
     }
     *removed = Removed { without_depth, masked, unconfident };
 }
@@ -164,19 +169,19 @@ mod tests {
         loaded.map.confidence[(1, 1)] = 0.09;
         loaded.map.confidence[(2, 1)] = f32::NAN;
         loaded.map.coarse_confidence.as_mut().unwrap()[(3, 1)] = 0.19;
-        let filtered = FilteredView::new(0, loaded, &FuseOptions::default()).unwrap();
+        let filtered = FilteredView::new(0, &loaded, &FuseOptions::default()).unwrap();
         let expected =
             ViewReport { pixels: 12, without_depth: 4, masked: 1, unconfident: 3, ..Default::default() };
         assert_eq!(filtered.report, expected);
-        assert!(filtered.inverse_depth.data()[..8].iter().all(|&w| w == 0.0));
-        assert!(filtered.inverse_depth.row(2).iter().all(|&w| w == 0.5));
+        assert!(filtered.samples.data()[..8].iter().all(|[w, _]| *w == 0.0));
+        assert!(filtered.samples.row(2).iter().all(|sample| *sample == [0.5, 1.0]));
     }
 
     #[test]
     fn parts_of_another_size_are_refused() {
         let mut loaded = view(Grid::filled(SIZE, 2.0));
         loaded.mask = Some(Grid::filled(Size::new(3, 3), true));
-        let error = FilteredView::new(7, loaded, &FuseOptions::default()).unwrap_err();
+        let error = FilteredView::new(7, &loaded, &FuseOptions::default()).unwrap_err();
         assert_eq!(error.to_string(), "view 7: expected a mask of 4×3 pixels like the depth map, got 3×3");
     }
 }

@@ -3,6 +3,9 @@
 use serde::{Deserialize, Serialize};
 use vamvs_core::CloudPoint;
 
+/// Views that agree on a point, about: what is reserved for them.
+const USUAL_VIEWS: usize = 8;
+
 /// Points, each with the numbers of the views that agree on it; the view that made it comes first.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FusedPoints {
@@ -31,6 +34,24 @@ impl FusedPoints {
         self.points.push(point);
         self.views.extend(views.map(|view| view as u32));
         self.ends.push(self.views.len());
+    }
+
+    /// No points yet, with room for so many.
+    pub(crate) fn with_room(points: usize) -> Self {
+        let views = Vec::with_capacity(USUAL_VIEWS * points);
+        Self { points: Vec::with_capacity(points), views, ends: Vec::with_capacity(points) }
+    }
+
+    /// All points of `parts`, in this order.
+    pub(crate) fn joined(parts: &[Self]) -> Self {
+        let count = |of: fn(&Self) -> usize| parts.iter().map(of).sum();
+        let mut all = Self {
+            points: Vec::with_capacity(count(|part| part.points.len())),
+            views: Vec::with_capacity(count(|part| part.views.len())),
+            ends: Vec::with_capacity(count(|part| part.ends.len())),
+        };
+        parts.iter().for_each(|part| all.append(part));
+        all
     }
 
     pub(crate) fn append(&mut self, other: &Self) {

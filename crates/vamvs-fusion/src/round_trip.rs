@@ -39,6 +39,8 @@ pub(crate) struct Answers {
     pub inverse_depth: Lanes,
     /// The index of the source's pixel in its rasters.
     pub pixel: Lanes<u32>,
+    /// The confidence of that pixel.
+    pub confidence: Lanes,
     /// The source's surface point as a homogeneous pixel of the reference view, divided by the
     /// source depth.
     pub back: [Lanes; 3],
@@ -56,10 +58,10 @@ impl Strip {
         Self { y, x: [0.0; LANES], inverse_depth: [0.0; LANES] }
     }
 
-    /// The pixels of row `y` from `first` on; `row` has their inverse depths.
-    pub fn of_row(y: usize, first: usize, row: &[f32]) -> Self {
+    /// The pixels of row `y` from `first` on; `row` has their inverse depths and confidences.
+    pub fn of_row(y: usize, first: usize, row: &[[f32; 2]]) -> Self {
         let mut strip = Self::empty(y as f32 + 0.5);
-        strip.inverse_depth[..row.len()].copy_from_slice(row);
+        strip.inverse_depth.iter_mut().zip(row).for_each(|(to, [inverse_depth, _])| *to = *inverse_depth);
         let centres = (first..).map(|x| x as f32 + 0.5);
         strip.x.iter_mut().zip(centres).for_each(|(to, x)| *to = x);
         strip
@@ -74,6 +76,7 @@ impl Answers {
             error: [f32::INFINITY; LANES],
             inverse_depth: none,
             pixel: [0; LANES],
+            confidence: none,
             back: [none; 3],
             parallax: none,
             behind: [-1.0; LANES],
@@ -127,8 +130,9 @@ fn ask_any(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) {
         answers.behind = [-1.0; LANES];
         return;
     }
-    let corners = gather(pair.source.inverse_depth.data(), size.width, &seen.place);
+    let corners = gather(pair.source.samples.data(), size.width, &seen.place);
     let at = sample(pair, &seen, &corners, answers);
+    gather_confidence(pair.source.samples.data(), answers);
     come_back(pair, strip, (&at, &seen.inside), answers);
 }
 
@@ -200,37 +204,45 @@ fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
 /// into the cache.
 const PREFETCH_ROWS: usize = 2;
 
-/// Lanes from one prefetch to the next: half of the values in a cache line.
-pub(crate) const PREFETCH_STEP: usize = 8;
+/// Lanes from one prefetch to the next: half of the samples in a cache line.
+const PREFETCH_STEP: usize = 4;
 
-/// Begins to bring the cache line of `values[at]` into the cache, if there is such a value.
+/// Begins to bring the cache line of `samples[at]` into the cache, if there is such a sample.
 #[inline(always)]
-pub(crate) fn prefetch(values: &[f32], at: usize) {
+fn prefetch(samples: &[[f32; 2]], at: usize) {
     #[cfg(target_arch = "x86_64")]
-    if at < values.len() {
+    if at < samples.len() {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: the address is that of a value.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().add(at).cast()) }
+        // SAFETY: the address is that of a sample.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(samples.as_ptr().add(at).cast()) }
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = (values, at);
+    let _ = (samples, at);
 }
 
-/// The values of four pixels each, whose upper left one is at a place: the upper two, the lower
+/// The inverse depths of four pixels each, whose upper left one is at a place: the upper two, the lower
 /// two.
 #[inline(always)]
-fn gather(values: &[f32], width: usize, places: &Lanes<u32>) -> [Lanes<[f32; 2]>; 2] {
+fn gather(samples: &[[f32; 2]], width: usize, places: &Lanes<u32>) -> [Lanes<[f32; 2]>; 2] {
     let (mut upper, mut lower) = ([[0.0; 2]; LANES], [[0.0; 2]; LANES]);
     for lane in (0..LANES).step_by(PREFETCH_STEP) {
-        prefetch(values, places[lane] as usize + PREFETCH_ROWS * width);
+        prefetch(samples, places[lane] as usize + PREFETCH_ROWS * width);
     }
     for lane in 0..LANES {
         let place = places[lane] as usize;
-        let four = &values[place..place + width + 2];
-        upper[lane] = [four[0], four[1]];
-        lower[lane] = [four[width], four[width + 1]];
+        let four = &samples[place..place + width + 2];
+        upper[lane] = [four[0][0], four[1][0]];
+        lower[lane] = [four[width][0], four[width + 1][0]];
     }
     [upper, lower]
+}
+
+/// The confidences of pixels that were just gathered.
+#[inline(always)]
+fn gather_confidence(samples: &[[f32; 2]], answers: &mut Answers) {
+    for lane in 0..LANES {
+        answers.confidence[lane] = samples[answers.pixel[lane] as usize][1];
+    }
 }
 
 /// The source's inverse depth at the place: bilinear (linear beyond the outermost centres) where
@@ -249,13 +261,8 @@ fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes<[f32; 2]>; 2], answers:
         let (upper, lower) = (a + s * (b - a), c + s * (d - c));
         let smooth = (lowest > 0.0) & (highest - lowest <= max_spread * lowest);
         let (is_right, is_lower) = (s >= 0.5, t >= 0.5);
-        let nearest = if is_lower {
-            if is_right { d } else { c }
-        } else if is_right {
-            b
-        } else {
-            a
-        };
+        let (left_column, right_column) = if is_lower { (c, d) } else { (a, b) };
+        let nearest = if is_right { right_column } else { left_column };
         answers.inverse_depth[lane] = if smooth { upper + t * (lower - upper) } else { nearest };
         answers.pixel[lane] = seen.place[lane] + u32::from(is_right) + if is_lower { width } else { 0 };
         let point = seen.inverse_depth[lane];
@@ -331,7 +338,7 @@ mod tests {
             depth,
             coarse_confidence: None,
         };
-        FilteredView::new(0, MaskedMap { map, mask: None }, options).unwrap()
+        FilteredView::new(0, &MaskedMap { map, mask: None }, options).unwrap()
     }
 
     fn wall(x: f64, depth: f32, options: &FuseOptions) -> FilteredView {

@@ -24,8 +24,8 @@ impl Surface {
     /// If the view's rasters differ in size; the error says view 0.
     pub fn of(view: &FusionView, options: &FuseOptions) -> Result<Self, FuseError> {
         view.check(0)?;
-        let filtered = FilteredView::new(0, masked(view), options)?;
-        let passes = |x: usize, y: usize| filtered.inverse_depth[(x, y)] > 0.0;
+        let filtered = FilteredView::new(0, &masked(view), options)?;
+        let passes = |x: usize, y: usize| filtered.inverse_depth((x, y)) > 0.0;
         let depth = |x: usize, y: usize| if passes(x, y) { view.map.depth[(x, y)] } else { 0.0 };
         let cam_from_world = view.map.cam_from_world.rotation.cast::<f32>();
         let normal = match &view.normals {
