@@ -2,10 +2,10 @@
 # `cargo xtask cluster`: a reconstruction on SLURM with two nodes on this machine, by a job array and by Snakemake's executor; a
 # task and a node daemon are killed in the middle.
 #
-#   workflow/cluster-check.sh VAMVS FOLDER      FOLDER/set is what `vamvs synth` made
+#   workflow/cluster-check.sh VAMVS FOLDER [BATCH]      FOLDER/set is what `vamvs synth` made; BATCH views a task (2)
 set -euo pipefail
 
-vamvs=$1 folder=$2
+vamvs=$1 folder=$2 batch=${3:-2}
 here=$(dirname "$(realpath "$0")")
 host=$(hostname)
 slurm=$folder/slurm
@@ -70,7 +70,7 @@ settings=(--cams "$scene/cams" --images "$scene/images" --weights vis-corr --thr
 
 tasks() { # OUT: plans a run
     rm -rf "${folder:?}/$1"
-    "$vamvs" tasks "${settings[@]}" --max-memory 2GB --batch 2 --out "$folder/$1" >"$folder/$1.jsonl"
+    "$vamvs" tasks "${settings[@]}" --max-memory 2GB --batch "$batch" --out "$folder/$1" >"$folder/$1.jsonl"
 }
 
 wait_for_jobs() {
