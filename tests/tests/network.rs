@@ -14,11 +14,11 @@ use vamvs_net::tch::{self, Kind, Tensor};
 use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Iteration, Network, Profile};
 use vamvs_tests::{Rendered, fixtures, folder};
 
-const PAPERS: [&str; 6] = ["avg", "max", "var", "vis-avg", "vis-max", "vis-var"];
+const PAPER_AGGREGATIONS: [&str; 6] = ["avg", "max", "var", "vis-avg", "vis-max", "vis-var"];
 
 /// The names of one network for each aggregation, for [`module`].
 fn of_each_aggregation() -> impl Iterator<Item = &'static str> {
-    PAPERS.into_iter().chain(["weights/vis-corr"])
+    PAPER_AGGREGATIONS.into_iter().chain(["weights/vis-corr"])
 }
 
 /// Loads a small untrained network of `tests/modules`, or, if the name begins with `weights/`, a shipped one.
@@ -66,7 +66,7 @@ fn all_aggregations_give_depth_and_confidence_for_any_size_and_number_of_views()
             let planes = planes(&views[0], 16);
             let map = depth(&estimator, &photos, &planes);
             // vis-corr has no flow iterations, so its map is a quarter of the photograph's size.
-            let size = if PAPERS.contains(&name) { Size::new(53, 42) } else { Size::new(26, 21) };
+            let size = if PAPER_AGGREGATIONS.contains(&name) { Size::new(53, 42) } else { Size::new(26, 21) };
             assert_eq!(map.depth.size(), size, "{name}");
             let DepthRange { near, far } = planes.range;
             let margin = 0.3 * (far - near);
@@ -84,7 +84,7 @@ fn all_aggregations_give_depth_and_confidence_for_any_size_and_number_of_views()
 fn of_a_peak_features_are_counted_exactly_and_smaller_pieces_take_less() {
     let size = Size::new(107, 85);
     let view = &fixtures::still_life(size, 2)[0];
-    for name in PAPERS.iter().chain(&["weights/photometric"]) {
+    for name in PAPER_AGGREGATIONS.iter().chain(&["weights/photometric"]) {
         let mut estimator = estimator(name);
         let features = tch::no_grad(|| estimator.network().encode(&view.photo).unwrap().bytes());
         let peak = |estimator: &Estimator, views, planes| estimator.peak_bytes(size, views, planes);

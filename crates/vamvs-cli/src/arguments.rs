@@ -15,7 +15,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 use vamvs::MemoryLimit;
-use vamvs::export::{DepthFormat, Program};
+use vamvs::export::{DepthFormat, ExportTarget};
 #[cfg(feature = "net")]
 use vamvs::{Quality, core::Spacing};
 
@@ -335,7 +335,7 @@ pub struct ExportFlags {
     /// Export for these programs, each into a folder of its name: colmap (dense workspace for stereo_fusion,
     /// poisson_mesher, delaunay_mesher), openmvs (scene.mvs, .dmap, scene_dense.ply).
     #[arg(long, value_enum, value_name = "PROGRAM", value_delimiter = ',')]
-    pub export: Option<Vec<Program>>,
+    pub export: Option<Vec<ExportTarget>>,
     /// Also write depth maps in these formats, in depths/.
     #[arg(long, value_enum, value_name = "FORMAT", value_delimiter = ',')]
     pub depth_format: Option<Vec<DepthFormat>>,

@@ -42,8 +42,8 @@ impl Camera {
         if x_in_cam.z <= 0.0 {
             return None;
         }
-        let bent = self.lens.distort(&Vector2::new(x_in_cam.x / x_in_cam.z, x_in_cam.y / x_in_cam.z))?;
-        Some(self.intrinsics.project(&bent.push(1.0)))
+        let distorted = self.lens.distort(&Vector2::new(x_in_cam.x / x_in_cam.z, x_in_cam.y / x_in_cam.z))?;
+        Some(self.intrinsics.project(&distorted.push(1.0)))
     }
 }
 

@@ -84,8 +84,8 @@ impl Undistortion {
 
     /// The image coordinates in the photograph of a point of the undistorted image; `None` outside of the photograph.
     fn photograph_from_pinhole(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
-        let bent = self.camera.lens.distort_within(&self.pinhole.intrinsics.ray(pixel).xy(), self.valid)?;
-        let source = self.camera.intrinsics.project(&bent.push(1.0));
+        let distorted = self.camera.lens.distort_within(&self.pinhole.intrinsics.ray(pixel).xy(), self.valid)?;
+        let source = self.camera.intrinsics.project(&distorted.push(1.0));
         let Size { width, height } = self.camera.size;
         let inside = |v: f64, count: usize| v >= 0.0 && v <= count as f64;
         (inside(source.x, width) && inside(source.y, height)).then_some(source)
@@ -177,10 +177,10 @@ fn chosen_intrinsics(camera: &Camera) -> Intrinsics {
 fn median_coordinate(camera: &Camera, axis: usize, border: impl Iterator<Item = Vector2<f64>>) -> f64 {
     let mut coordinates: Vec<f64> = border
         .map(|pixel| {
-            let bent = camera.intrinsics.ray(&pixel).xy();
-            let straight =
-                camera.lens.undistort(&bent).unwrap_or_else(|| bent.map(|v| v.signum() * f64::MAX));
-            straight[axis].clamp(-LARGEST_TANGENT, LARGEST_TANGENT)
+            let distorted = camera.intrinsics.ray(&pixel).xy();
+            let undistorted =
+                camera.lens.undistort(&distorted).unwrap_or_else(|| distorted.map(|v| v.signum() * f64::MAX));
+            undistorted[axis].clamp(-LARGEST_TANGENT, LARGEST_TANGENT)
         })
         .collect();
     coordinates.sort_by(f64::total_cmp);
@@ -215,8 +215,8 @@ mod tests {
 
     fn photograph(camera: &Camera) -> Grid<Rgb> {
         Grid::from_fn(camera.size, |x, y| {
-            let bent = camera.intrinsics.ray(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).xy();
-            camera.lens.undistort(&bent).map_or([0; 3], |x| world(&x))
+            let distorted = camera.intrinsics.ray(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).xy();
+            camera.lens.undistort(&distorted).map_or([0; 3], |x| world(&x))
         })
     }
 
@@ -319,9 +319,9 @@ mod tests {
     /// The share of the photograph's pixels that the pinhole sees.
     fn kept(camera: &Camera, pinhole: &Pinhole) -> f64 {
         let seen = Grid::from_fn(SIZE, |x, y| {
-            let bent = camera.intrinsics.ray(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).xy();
-            let straight = camera.lens.undistort(&bent);
-            straight.is_some_and(|x| pinhole.contains(&pinhole.intrinsics.project(&x.push(1.0))))
+            let distorted = camera.intrinsics.ray(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).xy();
+            let undistorted = camera.lens.undistort(&distorted);
+            undistorted.is_some_and(|x| pinhole.contains(&pinhole.intrinsics.project(&x.push(1.0))))
         });
         share(&seen)
     }

@@ -27,7 +27,8 @@ pub enum Aggregation {
 }
 
 impl Aggregation {
-    /// Whether learned features of the pair (reference, source) are aggregated instead of the views' own.
+    /// Whether learned features of the pair (reference, source) are aggregated instead of the views' own. Excludes
+    /// [`Aggregation::weighs_views`]: these features are reduced without masks.
     #[must_use]
     pub fn relates_pairs(self) -> bool {
         matches!(self, Self::VisAvg | Self::VisMax)
@@ -40,7 +41,8 @@ impl Aggregation {
     }
 
     /// Whether source views are compared with the reference view by correlation. One pyramid of features then serves
-    /// both stages.
+    /// both stages, photographs are never enlarged, and the flow also gets the reference's own features at 1/4. Needs
+    /// [`Aggregation::weighs_views`]: the masks are made of the correlations.
     #[must_use]
     pub fn correlates(self) -> bool {
         matches!(self, Self::VisCorr)
@@ -206,6 +208,15 @@ mod tests {
             reducer.add(view, mask).unwrap();
         }
         reducer.finish().unwrap().unwrap()
+    }
+
+    #[test]
+    fn pair_features_have_no_masks_and_correlations_do() {
+        use Aggregation::{Avg, Max, Var, VisAvg, VisCorr, VisMax, VisVar};
+        for aggregation in [Avg, Max, Var, VisAvg, VisMax, VisVar, VisCorr] {
+            assert!(!(aggregation.relates_pairs() && aggregation.weighs_views()), "{aggregation:?}");
+            assert!(!aggregation.correlates() || aggregation.weighs_views(), "{aggregation:?}");
+        }
     }
 
     fn assert_close(a: &Tensor, b: &Tensor) {

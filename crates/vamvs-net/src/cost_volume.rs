@@ -109,8 +109,8 @@ pub fn costs(
 impl<'a> Sweep<'a> {
     fn new(inputs: &SweepInputs<'a>) -> Result<Self, TchError> {
         let SweepInputs { network, reference, sources, planes, level, slab_bytes } = *inputs;
-        let cell = reference.stride << level;
-        let pixel_grid = PixelGrid::new(cell, (0, 0), 1, reference.size_at(cell));
+        let stride = reference.stride << level;
+        let pixel_grid = PixelGrid::new(stride, (0, 0), 1, reference.size_at(stride));
         let sources = sources
             .iter()
             .map(|source| Ok((*source, Projection::new(&pixel_grid, reference, source, planes.range.near)?)))

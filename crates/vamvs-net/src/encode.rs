@@ -8,7 +8,7 @@ use crate::native;
 use crate::{Device, Iteration, Manifest, NetError, Network};
 
 /// The stride of the paper's coarse features, which is the largest stride. Images are padded to a multiple of it.
-pub const COARSE_SCALE: usize = 8;
+pub const LARGEST_STRIDE: usize = 8;
 
 /// The strides of the flow features.
 pub const FLOW_SCALES: [usize; 3] = [2, 4, 8];
@@ -114,7 +114,7 @@ impl EncodedView {
 
     /// As [`EncodedView::cropped`], with both boxes in pixels of the enlarged photograph.
     pub(crate) fn part(&self, region: &PixelBox) -> Result<(Self, PixelBox), NetError> {
-        let scale = COARSE_SCALE * self.enlarge;
+        let scale = LARGEST_STRIDE * self.enlarge;
         let outer = PixelBox {
             x0: region.x0 / scale * scale,
             y0: region.y0 / scale * scale,
@@ -213,8 +213,8 @@ fn image_tensor(photo: &Photo) -> Result<Tensor, TchError> {
     let bytes = photo.image.data().as_flattened();
     let image = Tensor::f_from_data_size(bytes, &[height as i64, width as i64, 3], Kind::Uint8)?;
     let image = image.f_permute([2, 0, 1])?.f_unsqueeze(0)?.f_to_kind(Kind::Float)?.f_div_scalar(255.0)?;
-    let right = width.next_multiple_of(COARSE_SCALE) - width;
-    let bottom = height.next_multiple_of(COARSE_SCALE) - height;
+    let right = width.next_multiple_of(LARGEST_STRIDE) - width;
+    let bottom = height.next_multiple_of(LARGEST_STRIDE) - height;
     if right + bottom == 0 {
         return image.f_contiguous();
     }

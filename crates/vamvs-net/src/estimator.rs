@@ -9,7 +9,7 @@ use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Size};
 
 use crate::coarse::{PlaneMap, soft_argmin, where_unsure};
 use crate::cost_volume::{self, Costs, SweepInputs};
-use crate::encode::COARSE_SCALE;
+use crate::encode::LARGEST_STRIDE;
 use crate::manifest::check_iterations;
 use crate::point_flow::{FlowStage, upsample_nearest};
 use crate::post_process::{completed, upsampled};
@@ -189,7 +189,7 @@ impl Estimator {
         let (channels, value, enlarge) =
             (self.network.channel_counts(), size_of::<f32>(), self.network.enlarge());
         let at = |stride: usize| size.width.div_ceil(stride) * size.height.div_ceil(stride) * enlarge.pow(2);
-        let (blocks, pixels) = (at(COARSE_SCALE), at(self.network.manifest().feature_stride));
+        let (blocks, pixels) = (at(LARGEST_STRIDE), at(self.network.manifest().feature_stride));
         let wide = if enlarge > 1 { blocks / 4 * channels.coarse } else { 0 };
         let features = views * (blocks * (channels.features * value + PHOTOGRAPHS) + wide * value);
         let encoding = ENCODING * size.area() * enlarge.pow(2);

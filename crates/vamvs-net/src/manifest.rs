@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use crate::depth_completion::Completion;
 use serde::{Deserialize, Serialize};
 
-use crate::encode::COARSE_SCALE;
+use crate::encode::LARGEST_STRIDE;
 use crate::{Aggregation, MonotoneMap, NetError};
 
 /// The version of the contract between modules and this crate.
@@ -77,11 +77,11 @@ pub struct Manifest {
 }
 
 fn paper_stride() -> usize {
-    COARSE_SCALE
+    LARGEST_STRIDE
 }
 
 fn is_paper_stride(coarse_stride: &usize) -> bool {
-    *coarse_stride == COARSE_SCALE
+    *coarse_stride == LARGEST_STRIDE
 }
 
 fn is_zero(count: &usize) -> bool {
@@ -171,7 +171,7 @@ impl Manifest {
 
 /// Checks that scales are 8, 4, 2 or 1 and do not increase, and that steps are positive.
 pub(crate) fn check_iterations(iterations: &[Iteration]) -> Result<(), String> {
-    let mut before = COARSE_SCALE;
+    let mut before = LARGEST_STRIDE;
     for Iteration { scale, step } in iterations {
         if ![8, 4, 2, 1].contains(scale) || *scale > before {
             return Err(format!(

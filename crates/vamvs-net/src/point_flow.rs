@@ -216,7 +216,7 @@ impl FlowStage<'_> {
         let correlated = reference.size()[1] / group as i64;
         let rows = Tensor::f_empty([points.size()[1], correlated], (Kind::Float, tch::Device::Cpu))?;
         fetch::correlations(&about, &sources, in_memory_mut(&rows)?, correlated as usize);
-        self.with_surroundings(&rows, &reference, points)
+        self.joined_rows(&rows, &reference, points)
     }
 
     /// A source view as the native kernels see it; `mask` is its visibility at the pixels, (h·w).
@@ -235,7 +235,7 @@ impl FlowStage<'_> {
 
     /// vis-corr: joins correlations (P, G), the reference view's own features at 1/4, and the positions:
     /// (1, C'' + 24, P).
-    fn with_surroundings(
+    fn joined_rows(
         &self,
         rows: &Tensor,
         reference: &Tensor,

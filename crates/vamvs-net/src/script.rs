@@ -6,7 +6,7 @@ use std::path::Path;
 use tch::{CModule, IValue, Kind, TchError, Tensor};
 
 use crate::correlate::{correlation, pooled};
-use crate::encode::COARSE_SCALE;
+use crate::encode::LARGEST_STRIDE;
 use crate::error::Libtorch;
 use crate::slabs::Slabs;
 use crate::{Device, Manifest, NetError};
@@ -196,7 +196,7 @@ impl Network {
     /// The level of `encode_flow` that is also used as coarse features, if one pyramid serves both stages.
     pub(crate) fn shared_level(&self) -> Option<usize> {
         let Manifest { aggregation, feature_stride, .. } = self.manifest;
-        aggregation.correlates().then(|| usize::from(feature_stride == COARSE_SCALE) + 1)
+        aggregation.correlates().then(|| usize::from(feature_stride == LARGEST_STRIDE) + 1)
     }
 
     /// Runs the coarse stage on tiny features (1, C, h, w). Returns [`ChannelCounts::volume`] and
@@ -287,7 +287,7 @@ impl Network {
         let (n, _, h, w) = images.size4()?;
         let expected = "(images (N, 3, H, W)) → (N, C, H/8, W/8)";
         let features = self.call("encode_coarse", expected, &[images])?;
-        let scale = COARSE_SCALE as i64;
+        let scale = LARGEST_STRIDE as i64;
         self.check("encode_coarse", &features, &[Some(n), None, Some(h / scale), Some(w / scale)])?;
         Ok(features)
     }

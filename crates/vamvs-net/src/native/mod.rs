@@ -11,12 +11,12 @@ pub(crate) mod transfer;
 
 use tch::{Device, Kind, TchError, Tensor};
 
-use crate::{NetError, Network};
+use crate::{Aggregation, NetError, Network};
 
 /// The numbers of groups in one level of features for which the kernels are compiled.
 const GROUPS: [usize; 2] = [4, 8];
 
-/// Whether the kernels apply: the network correlates, and its features (1, C, h, w) are on the CPU, need no gradient,
+/// Whether the kernels apply: the network is a vis-corr, whose weighted mean they compute, and its features (1, C, h, w) are on the CPU, need no gradient,
 /// and have a supported number of groups.
 pub(crate) fn serves(network: &Network, features: &[Tensor]) -> bool {
     let manifest = network.manifest();
@@ -26,7 +26,7 @@ pub(crate) fn serves(network: &Network, features: &[Tensor]) -> bool {
             && !level.requires_grad()
             && GROUPS.contains(&(level.size()[1] as usize / manifest.group))
     };
-    manifest.aggregation.correlates() && features.iter().all(fits)
+    manifest.aggregation == Aggregation::VisCorr && features.iter().all(fits)
 }
 
 /// Features (1, C, h, w) laid out so that the channels of a pixel are contiguous in memory; the shape stays.

@@ -28,7 +28,7 @@ use thinned::Thinned;
 #[non_exhaustive]
 pub struct ExportOptions {
     /// Programs to export for, each into a folder of its name.
-    pub programs: Vec<Program>,
+    pub programs: Vec<ExportTarget>,
     /// Depth maps in `depths/`, in these formats.
     pub depth_formats: Vec<DepthFormat>,
     /// Depth of one grey level of a PNG, scene units; by default a round number in which all depths
@@ -40,14 +40,14 @@ pub struct ExportOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
-pub enum Program {
+pub enum ExportTarget {
     /// `colmap/`: a dense workspace, with the cloud and the views of its points.
     Colmap,
     /// `openmvs/`: `scene.mvs`, `depthNNNN.dmap`, and `scene_dense.ply` with the views of its points.
     Openmvs,
 }
 
-impl Program {
+impl ExportTarget {
     /// The folder next to the cloud that is written for it.
     #[must_use]
     pub fn folder(self) -> &'static str {
@@ -162,9 +162,9 @@ impl<'a> Exports<'a> {
     fn begin(maps: &'a Maps, folder: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
         options.expect_apart(folder, [maps.root()])?;
         let wanted =
-            |program: Program| options.programs.contains(&program).then(|| folder.join(program.folder()));
-        let colmap = wanted(Program::Colmap).map(|folder| ColmapWorkspace::begin(maps, &folder));
-        let openmvs = wanted(Program::Openmvs).map(|folder| OpenmvsScene::begin(maps, &folder));
+            |program: ExportTarget| options.programs.contains(&program).then(|| folder.join(program.folder()));
+        let colmap = wanted(ExportTarget::Colmap).map(|folder| ColmapWorkspace::begin(maps, &folder));
+        let openmvs = wanted(ExportTarget::Openmvs).map(|folder| OpenmvsScene::begin(maps, &folder));
         let depths = DepthFolder::new(&folder.join("depths"), options)?;
         Ok(Self { maps, colmap: colmap.transpose()?, openmvs: openmvs.transpose()?, depths })
     }
