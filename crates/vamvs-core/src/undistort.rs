@@ -84,7 +84,8 @@ impl Undistortion {
 
     /// The image coordinates in the photograph of a point of the undistorted image; `None` outside of the photograph.
     fn photograph_from_pinhole(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
-        let distorted = self.camera.lens.distort_within(&self.pinhole.intrinsics.ray(pixel).xy(), self.valid)?;
+        let distorted =
+            self.camera.lens.distort_within(&self.pinhole.intrinsics.ray(pixel).xy(), self.valid)?;
         let source = self.camera.intrinsics.project(&distorted.push(1.0));
         let Size { width, height } = self.camera.size;
         let inside = |v: f64, count: usize| v >= 0.0 && v <= count as f64;

@@ -235,12 +235,7 @@ impl FlowStage<'_> {
 
     /// vis-corr: joins correlations (P, G), the reference view's own features at 1/4, and the positions:
     /// (1, C'' + 24, P).
-    fn joined_rows(
-        &self,
-        rows: &Tensor,
-        reference: &Tensor,
-        points: &Tensor,
-    ) -> Result<Tensor, NetError> {
+    fn joined_rows(&self, rows: &Tensor, reference: &Tensor, points: &Tensor) -> Result<Tensor, NetError> {
         let widths = self.reference.flow.each_ref().map(|level| level.size()[1]);
         let first = widths[..CONTEXT_LEVEL].iter().sum();
         let context = reference.f_narrow(1, first, widths[CONTEXT_LEVEL])?;

@@ -161,8 +161,9 @@ impl ExportOptions {
 impl<'a> Exports<'a> {
     fn begin(maps: &'a Maps, folder: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
         options.expect_apart(folder, [maps.root()])?;
-        let wanted =
-            |program: ExportTarget| options.programs.contains(&program).then(|| folder.join(program.folder()));
+        let wanted = |program: ExportTarget| {
+            options.programs.contains(&program).then(|| folder.join(program.folder()))
+        };
         let colmap = wanted(ExportTarget::Colmap).map(|folder| ColmapWorkspace::begin(maps, &folder));
         let openmvs = wanted(ExportTarget::Openmvs).map(|folder| OpenmvsScene::begin(maps, &folder));
         let depths = DepthFolder::new(&folder.join("depths"), options)?;
