@@ -5,7 +5,7 @@
 //! threshold ([`Answers::error`]), times the triangulation angle as a share of [`FULL_PARALLAX`],
 //! at most 1. Views that see through the point to a surface clearly behind it (free-space
 //! violations) vote against it. The sum of votes times the number of views that agree must reach
-//! [`FuseOptions::min_support`]. So few views must agree closely and be confident, while many may
+//! [`FuseOptions::min_support`], and four times that at an edge of the depth map. So few views must agree closely and be confident, while many may
 //! agree loosely, as in the dynamic consistency checking of D2HC-RMVSNet (Yan et al. 2020), but
 //! without steps. All terms are shares and angles, so the rule does not depend on the scene's
 //! scale. The constants are those of the ablation `crates/vamvs/examples/fusion_ablation.rs`.
@@ -27,6 +27,12 @@ const FULL_PARALLAX: f32 = 0.035;
 /// A view sees through a point if what it sees there lies behind it by more than this many times
 /// [`FuseOptions::max_relative_depth`].
 const CLEARLY_BEHIND: f32 = 3.0;
+
+/// How many times as many votes a pixel at an edge needs.
+const AT_EDGE: f32 = 4.0;
+
+/// How far from an edge a pixel counts as being at it, pixels.
+const REACH: usize = 2;
 
 /// Decides about the pixels of one view.
 pub(crate) struct Rule<'a> {
@@ -67,13 +73,36 @@ impl<'a> Rule<'a> {
         asked & self.accepted(&tally, &needed)
     }
 
-    /// The votes that each pixel needs: the less confident the pixel, the more.
+    /// The votes that each pixel needs: the less confident the pixel, the more, and many at an edge,
+    /// where depth maps have skirts between a surface and what is behind it.
     fn needed(&self, first: usize, y: usize) -> Lanes {
         let mut needed = [f32::INFINITY; LANES];
         let own = &self.reference.samples.row(y)[first..];
         let factor = |[_, own]: &[f32; 2]| self.options.min_support / own.sqrt();
         needed.iter_mut().zip(own).for_each(|(needed, own)| *needed = factor(own));
+        for (needed, is_edge) in needed.iter_mut().zip(self.edges(first, y)) {
+            *needed *= if is_edge { AT_EDGE } else { 1.0 };
+        }
         needed
+    }
+
+    /// The pixels whose depth differs from that of a pixel within [`REACH`] in their row or column by
+    /// more than a surface does.
+    fn edges(&self, first: usize, y: usize) -> Lanes<bool> {
+        let samples = &self.reference.samples;
+        let own = inverse_depths(samples.row(y), first, 0);
+        let mut edges = [false; LANES];
+        for distance in 1..=REACH {
+            let step = distance as f32 * self.reference.edge_step;
+            let reach = distance as isize;
+            mark_edges(&own, &inverse_depths(samples.row(y), first, reach), step, &mut edges);
+            mark_edges(&own, &inverse_depths(samples.row(y), first, -reach), step, &mut edges);
+            for row in [y.checked_sub(distance), Some(y + distance).filter(|&row| row < samples.height())] {
+                let Some(row) = row else { continue };
+                mark_edges(&own, &inverse_depths(samples.row(row), first, 0), step, &mut edges);
+            }
+        }
+        edges
     }
 
     /// The pixels whose outcome the remaining `rest` views cannot change, even if all of them
@@ -106,6 +135,28 @@ impl<'a> Rule<'a> {
         let balance = (support - self.options.contradiction * against) * views;
         let by_votes = (self.options.consistency == Consistency::Classic) | (balance >= needed);
         (views >= (self.options.min_views - 1) as f32) & by_votes
+    }
+}
+
+/// The inverse depths of a strip's pixels of a row, `shift` pixels to the right; 0 outside of the image.
+fn inverse_depths(row: &[[f32; 2]], first: usize, shift: isize) -> Lanes {
+    let mut found = [0.0; LANES];
+    let begin = first as isize + shift;
+    let outside = usize::try_from(-begin).unwrap_or(0);
+    let inside = row.get((begin + outside as isize) as usize..).unwrap_or(&[]);
+    found[outside..].iter_mut().zip(inside).for_each(|(found, [w, _])| *found = *w);
+    found
+}
+
+widened! {
+    /// Marks the pixels whose inverse depth differs from another's, where there is one, by more than the share `step`.
+    fn mark_edges(own: &Lanes, other: &Lanes, step: f32, edges: &mut Lanes<bool>) = mark_edges_any;
+}
+
+#[inline(always)]
+fn mark_edges_any(own: &Lanes, other: &Lanes, step: f32, edges: &mut Lanes<bool>) {
+    for lane in 0..LANES {
+        edges[lane] |= (other[lane] > 0.0) & ((other[lane] - own[lane]).abs() > step * own[lane]);
     }
 }
 
@@ -170,7 +221,11 @@ mod tests {
 
     /// Whether a pixel in the middle of the first wall is confirmed by the others.
     fn is_confirmed(walls: &[Wall], options: &FuseOptions) -> bool {
-        let views: Vec<FilteredView> = walls.iter().map(|wall| wall.view()).collect();
+        are_confirmed(&walls.iter().map(|wall| wall.view()).collect::<Vec<_>>(), options)
+    }
+
+    /// The same for views.
+    fn are_confirmed(views: &[FilteredView], options: &FuseOptions) -> bool {
         let (reference, sources) = (&views[0], &views[1..]);
         let pairs: Vec<_> = sources.iter().map(|source| Pair::new(reference, 1, source, options)).collect();
         let strip = Strip::of_row(24, 0, reference.samples.row(24));
@@ -214,6 +269,23 @@ mod tests {
         assert!(confirmed_with(Wall { error: 0.02, ..through }, &options), "not clearly behind");
         assert!(confirmed_with(Wall { error: -0.2, ..through }, &options), "before: it hides it");
         assert!(confirmed_with(through, &FuseOptions { contradiction: 0.0, ..options }));
+    }
+
+    #[test]
+    fn a_pixel_at_an_edge_needs_more_votes() {
+        let options = FuseOptions::default();
+        let confirmed_with = |sources: usize, beside: (usize, usize)| {
+            let walls = (1..=sources).map(|i| Wall::new(0.4 + 0.05 * i as f64, 0.001));
+            let mut views: Vec<_> = [OWN].into_iter().chain(walls).map(Wall::view).collect();
+            views[0].samples[beside][0] = 0.5 / 10.0;
+            are_confirmed(&views, &options)
+        };
+        for beside in [(34, 24), (30, 24), (32, 22), (32, 25)] {
+            assert!(!confirmed_with(1, beside) && confirmed_with(2, beside), "{beside:?}");
+        }
+        for elsewhere in [(35, 24), (32, 21), (33, 25)] {
+            assert!(confirmed_with(1, elsewhere), "{elsewhere:?}");
+        }
     }
 
     #[test]

@@ -78,7 +78,7 @@ impl Default for FuseOptions {
             max_reprojection: 1.0,
             max_relative_depth: 0.01,
             min_views: 2,
-            min_support: 0.6,
+            min_support: 0.4,
             contradiction: 0.25,
             min_confidence: 0.1,
             min_coarse_confidence: 0.2,

@@ -74,7 +74,7 @@ fn variants() -> Vec<(String, FuseOptions)> {
         variants.push((format!("classic, {min_views} views"), options));
     }
     let default = FuseOptions::default();
-    for min_support in [0.4, default.min_support, 0.8] {
+    for min_support in [default.min_support, 0.6, 0.8] {
         for contradiction in [0.0, default.contradiction, 1.0] {
             let name = format!("dynamic, support {min_support}, contradiction {contradiction}");
             let mut options = FuseOptions::default();
