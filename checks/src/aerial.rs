@@ -64,7 +64,7 @@ impl Aerial {
         let (done, asked) = (self.folder.join("scene.txt"), self.scene_options());
         match fs::read_to_string(&done) {
             Ok(made) => {
-                ensure!(made == asked, "{} holds another scene ({made}): remove it", self.folder.display())
+                ensure!(made == asked, "{} holds another scene ({made}): remove it", self.folder.display());
             }
             Err(_) => {
                 fs::create_dir_all(&model)?;
