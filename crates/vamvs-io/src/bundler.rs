@@ -12,6 +12,7 @@ use vamvs_core::{Camera, Intrinsics, Lens, Pose, Size, SparsePoint, View};
 
 use crate::locate::{Located, locate, sorted_by_name};
 use crate::masks::Masks;
+use crate::point_line::read_point;
 use crate::sizes::stored_sizes;
 use crate::text::{TextReader, WordReader};
 use crate::{IoError, Loaded, Place};
@@ -115,7 +116,7 @@ fn read_bundle(path: &Path, listed: usize) -> Result<Bundle, IoError> {
         return Err(words.malformed(format!("{cameras} cameras, but the list of images has {listed}")));
     }
     let cameras = (0..cameras).map(|_| read_camera(&mut words)).collect::<Result<_, _>>()?;
-    let points = (0..points).map(|_| read_point(&mut words, listed));
+    let points = (0..points).map(|_| read_point(&mut words, listed, "view list"));
     Ok(Bundle { cameras, points: points.collect::<Result<_, _>>()? })
 }
 
@@ -134,27 +135,6 @@ fn read_camera(words: &mut WordReader) -> Result<Option<BundleCamera>, IoError> 
     let cam_from_world =
         Pose::try_new(flip * rotation, flip * translation).map_err(|error| words.malformed(error))?;
     Ok(Some(BundleCamera { focal, k: [k1, k2], cam_from_world }))
-}
-
-/// A point. Its `views` are the indices of the cameras in the file.
-fn read_point(words: &mut WordReader, cameras: usize) -> Result<SparsePoint, IoError> {
-    let position: [f64; 3] = words.numbers("position")?;
-    words.numbers::<3>("colour")?;
-    if !position.iter().all(|value| value.is_finite()) {
-        return Err(words.malformed(format!("expected a finite position, found {position:?}")));
-    }
-    let mut views = Vec::new();
-    for _ in 0..words.number::<usize>("length of the view list")? {
-        let camera: usize = words.number("camera of the view list")?;
-        if camera >= cameras {
-            return Err(
-                words.malformed(format!("view list: expected a camera below {cameras}, found {camera}"))
-            );
-        }
-        views.push(camera);
-        words.numbers::<3>("keypoint")?;
-    }
-    Ok(SparsePoint { x_in_world: position.into(), views })
 }
 
 /// For each camera of the file, its index among the registered ones.

@@ -27,6 +27,7 @@ mod occlusion;
 pub mod openmvs;
 pub mod pfm;
 pub mod ply;
+mod point_line;
 mod sizes;
 mod text;
 pub mod tnt;

@@ -12,6 +12,7 @@ use vamvs_core::{Camera, Intrinsics, Lens, Pose, Size, SparsePoint, View};
 use crate::colmap::model::pose;
 use crate::locate::{Located, locate, sorted_by_name};
 use crate::masks::Masks;
+use crate::point_line::read_point;
 use crate::sizes::stored_sizes;
 use crate::text::{TextReader, WordReader};
 use crate::{IoError, Loaded, Place};
@@ -91,7 +92,9 @@ fn read_nvm(path: &Path) -> Result<Nvm, IoError> {
     let count: usize = words.number("number of cameras")?;
     let cameras: Vec<NvmCamera> = (0..count).map(|_| read_camera(&mut words)).collect::<Result<_, _>>()?;
     let points: usize = words.optional_number("number of points")?.unwrap_or(0);
-    let points = (0..points).map(|_| read_point(&mut words, count)).collect::<Result<_, _>>()?;
+    let points = (0..points)
+        .map(|_| read_point(&mut words, count, "list of measurements"))
+        .collect::<Result<_, _>>()?;
     let more = words.next_word()?.is_some_and(|next| next.parse::<usize>().is_ok_and(|cameras| cameras > 0));
     Ok(Nvm { fixed, cameras, points, more })
 }
@@ -126,26 +129,6 @@ fn read_camera(words: &mut WordReader) -> Result<NvmCamera, IoError> {
     let translation = -(rotation * Vector3::new(c0, c1, c2));
     let cam_from_world = Pose::try_new(rotation, translation).map_err(|error| about(error.to_string()))?;
     Ok(NvmCamera { name, focal, cam_from_world, radial })
-}
-
-fn read_point(words: &mut WordReader, cameras: usize) -> Result<SparsePoint, IoError> {
-    let position: [f64; 3] = words.numbers("position")?;
-    words.numbers::<3>("colour")?;
-    if !position.iter().all(|value| value.is_finite()) {
-        return Err(words.malformed(format!("expected a finite position, found {position:?}")));
-    }
-    let mut views = Vec::new();
-    for _ in 0..words.number::<usize>("number of measurements")? {
-        let image: usize = words.number("image of a measurement")?;
-        if image >= cameras {
-            return Err(
-                words.malformed(format!("measurement: expected an image below {cameras}, found {image}"))
-            );
-        }
-        views.push(image);
-        words.numbers::<3>("measurement")?;
-    }
-    Ok(SparsePoint { x_in_world: position.into(), views })
 }
 
 #[cfg(test)]

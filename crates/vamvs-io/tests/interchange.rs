@@ -286,7 +286,7 @@ fn wrong_nvm_files_are_refused_with_their_line() {
         ("\n\n2\n", "\n\n3\n", "number of points: expected a whole number"),
         ("12", "0", "line 4: camera \"b b.png\": expected a focal length"),
         ("0.04 0", "0.04", "camera: expected a number"),
-        ("2 0 5", "2 9 5", "measurement: expected an image below 2, found 9"),
+        ("2 0 5", "2 9 5", "list of measurements: expected a camera below 2, found 9"),
         ("\n1\n", "\n2\n", "position: missing"),
     ];
     for (from, to, expected) in changes {
