@@ -12,7 +12,7 @@ use crate::appearance::{Look, SeenView};
 use crate::packed_normal::PackedNormal;
 use crate::pair::Pair;
 use crate::photometric::focal;
-use crate::round_trip::{Answers, LANES, Lanes};
+use crate::round_trip::{Answers, LANES, Lanes, fmax, fmin};
 use crate::wide::widened;
 
 /// The least confidence in the weight of a depth.
@@ -108,7 +108,6 @@ impl<'a> Means<'a> {
     /// Room for the points of a strip.
     pub fn new(reference: &'a Viewpoint<'a>) -> Self {
         let none = [0.0; LANES];
-        let sums = Sums { normal: [none; 3], colour: [none; 3], colour_weight: none, confidence: none };
         Self {
             reference,
             ray: [none; 2],
@@ -116,7 +115,7 @@ impl<'a> Means<'a> {
             facing: [none; 3],
             per_slant: none,
             clarity: none,
-            sums,
+            sums: Sums::none(),
             depths: Vec::new(),
             values: Vec::new(),
         }
@@ -137,7 +136,7 @@ impl<'a> Means<'a> {
             self.ray[1][lane] = (y as f32 + 0.5 - self.reference.centre[1]) * self.reference.per_focal[1];
         }
         let none = [0.0; LANES];
-        self.sums = Sums { normal: [none; 3], colour: [none; 3], colour_weight: none, confidence: none };
+        self.sums = Sums::none();
         self.depths.clear();
         let mut depths = [none; 2];
         measure_reference([&depth, &confidence], &looks, self, &mut depths);
@@ -245,9 +244,9 @@ fn measure_reference_any(
         means.facing[2][lane] = facing_z;
         means.footprint[lane] = footprint;
         means.per_slant[lane] = if slant.abs() >= LEAST_COSINE * length { 1.0 / slant } else { 0.0 };
-        means.clarity[lane] = larger(slant.abs() / length, LEAST_COSINE) / footprint;
+        means.clarity[lane] = fmax(slant.abs() / length, LEAST_COSINE) / footprint;
         depths[0][lane] = depth[lane];
-        let weight = larger(confidence[lane], LEAST_CONFIDENCE);
+        let weight = fmax(confidence[lane], LEAST_CONFIDENCE);
         depths[1][lane] = if looks.agrees[lane] { weight } else { 0.0 };
         means.sums.add(looks, (1.0, confidence[lane]), lane);
     }
@@ -276,19 +275,24 @@ fn measure_source_any(
         let along = if per_slant == 0.0 { pz } else { (fx * px + fy * py + fz * pz) * per_slant };
         let footprint = pair.radians_per_pixel * per_w;
         let relative = means.footprint[lane] / footprint;
-        let detail = smaller(relative * relative, MOST_DETAIL);
+        let detail = fmin(relative * relative, MOST_DETAIL);
         let (dx, dy, dz) = (px - camera.x, py - camera.y, pz - camera.z);
         let cosine = (fx * dx + fy * dy + fz * dz).abs() / (dx * dx + dy * dy + dz * dz).sqrt();
-        let clarity = larger(cosine, LEAST_COSINE) / footprint;
-        let ratio = smaller(clarity / means.clarity[lane], 1e3);
+        let clarity = fmax(cosine, LEAST_COSINE) / footprint;
+        let ratio = fmin(clarity / means.clarity[lane], 1e3);
         depths[0][lane] = along;
-        let weight = larger(answers.confidence[lane], LEAST_CONFIDENCE) * detail;
+        let weight = fmax(answers.confidence[lane], LEAST_CONFIDENCE) * detail;
         depths[1][lane] = if looks.agrees[lane] { weight } else { 0.0 };
         means.sums.add(looks, (ratio * ratio * ratio * ratio, answers.confidence[lane]), lane);
     }
 }
 
 impl Sums {
+    fn none() -> Self {
+        let none = [0.0; LANES];
+        Self { normal: [none; 3], colour: [none; 3], colour_weight: none, confidence: none }
+    }
+
     /// Adds a pixel of a view with a weight of its colour and its confidence, if the view agrees.
     #[inline(always)]
     fn add(&mut self, looks: &Looks, (weight, confidence): (f32, f32), lane: usize) {
@@ -307,16 +311,6 @@ impl Sums {
         self.colour_weight[lane] += weight;
         self.confidence[lane] += if agrees { confidence } else { 0.0 };
     }
-}
-
-#[inline(always)]
-fn larger(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
-}
-
-#[inline(always)]
-fn smaller(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
 }
 
 /// The robust mean of weighted values: a value whose distance to the weighted median is the share
