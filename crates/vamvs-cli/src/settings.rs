@@ -108,10 +108,10 @@ impl Settings {
     /// Lets fusion flags win.
     pub fn apply_fusion(&mut self, flags: &FusionFlags) {
         let filter = &mut self.fusion.filter;
-        match flags.preset {
-            Some(Preset::Default) => *filter = FuseOptions::default(),
-            Some(Preset::Dtu) => *filter = FuseOptions::dtu(),
-            None => {}
+        if let Some(preset) = flags.preset {
+            *filter = if preset == Preset::Dtu { FuseOptions::dtu() } else { FuseOptions::default() };
+            self.fusion.network_confidence = preset == Preset::Dtu;
+            self.depth.refine &= preset != Preset::Dtu;
         }
         if let Some(rule) = flags.consistency {
             let rule = match rule {

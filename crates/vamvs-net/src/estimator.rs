@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use crate::depth_completion::Completion;
 use serde::{Deserialize, Serialize};
 use tch::{TchError, Tensor};
-use vamvs_core::{DepthMap, Grid, Pinhole, Planes, Rgb, Size};
+use vamvs_core::{DepthMap, Grid, MonotoneMap, Pinhole, Planes, Rgb, Size};
 
 use crate::coarse::{PlaneMap, soft_argmin, where_unsure};
 use crate::cost_volume::{self, Costs, SweepInputs};
@@ -387,15 +387,17 @@ impl Estimator {
         (self.options.strip_points / (hypotheses * reference.size_at(reference.stride).width)).max(8)
     }
 
-    /// The calibrated confidence, if the network has a calibration and the options are those it was made with; else the
-    /// confidence as it is.
+    /// The calibration of the confidence, if the network has one and the options are those it was made with.
+    #[must_use]
+    pub fn calibration(&self) -> Option<&MonotoneMap> {
+        self.network.manifest().calibration.as_ref().filter(|_| self.options.is_of(&self.network))
+    }
+
+    /// The calibrated confidence, if there is a calibration; else the confidence as it is.
     pub(crate) fn calibrated(&self, confidence: Grid<f32>) -> Grid<f32> {
-        let manifest = self.network.manifest();
-        match &manifest.calibration {
-            Some(map) if self.options.is_of(&self.network) => {
-                confidence.map(|&value| map.at(f64::from(value)) as f32)
-            }
-            _ => confidence,
+        match self.calibration() {
+            Some(map) => confidence.map(|&value| map.at(f64::from(value)) as f32),
+            None => confidence,
         }
     }
 

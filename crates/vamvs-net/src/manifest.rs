@@ -4,9 +4,10 @@ use std::num::NonZeroUsize;
 
 use crate::depth_completion::Completion;
 use serde::{Deserialize, Serialize};
+use vamvs_core::MonotoneMap;
 
 use crate::encode::LARGEST_STRIDE;
-use crate::{Aggregation, MonotoneMap, NetError};
+use crate::{Aggregation, NetError};
 
 /// The version of the contract between modules and this crate.
 pub const CONTRACT: u32 = 1;

@@ -1,9 +1,10 @@
 //! Calibration: maps a network's confidence to the fraction of inliers among pixels of that confidence.
 
 use vamvs_core::DepthMap;
+use vamvs_core::MonotoneMap;
 use vamvs_eval::Reliability;
 use vamvs_eval::reliability::outcomes;
-use vamvs_net::{Estimator, MonotoneMap, Profile};
+use vamvs_net::{Estimator, Profile};
 
 use crate::sample::{Sample, whole};
 use crate::{Dataset, TrainError, Validation};

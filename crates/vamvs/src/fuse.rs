@@ -55,10 +55,20 @@ pub fn fuse(
     exports: &ExportOptions,
     on_event: &mut OnEvent<'_>,
 ) -> Result<FuseSummary, VamvsError> {
+    let options = &with_own_confidence(maps, options)?;
     let neighbours = maps.neighbours(options.neighbours);
     let run =
         |sink: &mut Sink<'_>, on_event: &mut OnEvent<'_>| merge(maps, &neighbours, options, sink, on_event);
     write_cloud((maps, &neighbours), cloud, (options, exports), run, on_event)
+}
+
+/// The options with the least confidence as the depth maps express it, if it is given as the network's probability.
+fn with_own_confidence(maps: &Maps, options: &FusionOptions) -> Result<FusionOptions, VamvsError> {
+    let mut options = options.clone();
+    if std::mem::take(&mut options.network_confidence) {
+        options.filter.min_confidence = maps.confidence_at(options.filter.min_confidence)?;
+    }
+    Ok(options)
 }
 
 /// Where fused points go.

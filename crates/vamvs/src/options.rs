@@ -88,6 +88,9 @@ impl Default for DepthOptions {
 pub struct FusionOptions {
     /// The filters.
     pub filter: FuseOptions,
+    /// Whether the filters' least confidences are the network's probabilities, as in the paper, whatever the depth maps'
+    /// confidence was calibrated to. Refined depth maps have no such probability.
+    pub network_confidence: bool,
     /// Number of source views that a view is checked against.
     pub neighbours: usize,
     /// Points only inside this box of the world.
@@ -98,6 +101,12 @@ pub struct FusionOptions {
 
 impl Default for FusionOptions {
     fn default() -> Self {
-        Self { filter: FuseOptions::default(), neighbours: 10, roi: None, max_memory: MemoryLimit::default() }
+        Self {
+            filter: FuseOptions::default(),
+            network_confidence: false,
+            neighbours: 10,
+            roi: None,
+            max_memory: MemoryLimit::default(),
+        }
     }
 }

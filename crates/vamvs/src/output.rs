@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use vamvs_core::{DepthMap, DepthRange, Grid, Planes, Rgb, Size, Source, View};
+use vamvs_core::{DepthMap, DepthRange, Grid, MonotoneMap, Planes, Rgb, Size, Source, View};
 use vamvs_io::{IoError, atomic, image, mvsnet, pfm};
 
 use crate::VamvsError;
@@ -25,7 +25,7 @@ pub struct OutputFolder {
 }
 
 /// The record of how a depth map was made, stored next to it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// The hash of all inputs of the depth map.
     pub made_of: String,
@@ -35,6 +35,24 @@ pub struct Record {
     /// Names of the source views, best first; empty if unknown.
     #[serde(default)]
     pub sources: Vec<String>,
+    /// What the values of its confidence map are.
+    #[serde(default)]
+    pub confidence: ConfidenceKind,
+}
+
+/// What the values of a confidence map are.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ConfidenceKind {
+    /// Unknown.
+    #[default]
+    Unknown,
+    /// The network's probability of the depth, as in the paper (sections 3.2 and 3.4).
+    Probability,
+    /// The share of pixels with an error of at most 1 %, to which this map takes the network's probability.
+    Calibrated(MonotoneMap),
+    /// An estimate of that share by the refinement, which does not know the network's probability.
+    Refined,
 }
 
 /// A view that is left out of a result.

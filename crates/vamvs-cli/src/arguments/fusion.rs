@@ -17,7 +17,7 @@ pub struct FusionFlags {
     /// Number of views that must agree on a point, its own included [default: dynamic 2, classic 3].
     #[arg(long, value_name = "N")]
     pub min_views: Option<usize>,
-    /// dynamic: threshold of the sum of votes times the number of voters; a vote is at most 1 [default: 0.6].
+    /// dynamic: threshold of the sum of votes times the number of voters; a vote is at most 1 [default: 0.4].
     #[arg(long, value_name = "VOTES")]
     pub min_support: Option<f32>,
     /// dynamic: what each free-space violation (a view that sees through the point) subtracts from the votes
@@ -61,6 +61,7 @@ fn point_spacing(text: &str) -> Result<PointSpacing, String> {
 pub enum Preset {
     /// Relative thresholds that fit any scene.
     Default,
-    /// The paper's values for DTU.
+    /// The paper's values for DTU, for depth maps that are not refined, as in the paper: `reconstruct` then makes such.
+    /// Least confidences are the network's probabilities before their calibration.
     Dtu,
 }

@@ -35,7 +35,9 @@ fn estimates(scene: &Scene, planes: Option<Planes>) -> OutputFolder {
         let colour = image::resize(&view.photo.image, size);
         let saved = SavedMap { map: &map, range: PLANES.range, colour: &colour, normals: None };
         let sources = vec![names[if name == "0000" { 1 } else { 0 }].clone()];
-        folder.save(name, &saved, &Record { made_of: "a test".into(), planes, sources }).unwrap();
+        folder
+            .save(name, &saved, &Record { made_of: "a test".into(), planes, sources, ..Record::default() })
+            .unwrap();
     }
     folder
 }

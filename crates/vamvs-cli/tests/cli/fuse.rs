@@ -1,11 +1,16 @@
 //! `vamvs fuse` on depth maps with exact ground truth; needs no network.
 
 use crate::scene::{Scene, error_of, expect_success, stderr, truncate, vamvs, write};
-use vamvs::core::{Camera, DepthMap, Grid, Lens, Source, View};
-use vamvs::output::{OutputFolder, Record, SavedMap};
+use vamvs::core::{Camera, DepthMap, Grid, Lens, MonotoneMap, Source, View};
+use vamvs::output::{ConfidenceKind, OutputFolder, Record, SavedMap};
 
 /// The true depth maps of a scene as an output folder.
 pub fn true_maps(scene: &Scene) -> OutputFolder {
+    maps_of_confidence(scene, 1.0, &ConfidenceKind::Refined)
+}
+
+/// The true depth maps of a scene with this confidence as an output folder.
+fn maps_of_confidence(scene: &Scene, confidence: f32, kind: &ConfidenceKind) -> OutputFolder {
     let folder = OutputFolder::new(&scene.out());
     let names: Vec<String> = (0..scene.views.len()).map(|i| format!("{i:04}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
@@ -17,12 +22,12 @@ pub fn true_maps(scene: &Scene) -> OutputFolder {
             camera: view.photo.camera,
             cam_from_world: view.photo.cam_from_world,
             depth: view.depth.clone(),
-            confidence: Grid::filled(view.depth.size(), 1.0),
+            confidence: Grid::filled(view.depth.size(), confidence),
             coarse_confidence: None,
         };
         let range = vamvs_tests::folder::depth_range(view, 1.05).unwrap();
         let saved = SavedMap { map: &map, range, colour: &view.photo.image, normals: None };
-        let record = Record { made_of: "ground_truth".into(), planes: None, sources: Vec::new() };
+        let record = Record { made_of: "ground_truth".into(), confidence: kind.clone(), ..Record::default() };
         folder.save(name, &saved, &record).unwrap();
     }
     folder.write_pairs(&names, &(0..names.len()).map(others).collect::<Vec<_>>()).unwrap();
@@ -62,6 +67,26 @@ fn nothing_survives_absurdly_strict_filters_and_that_is_an_error_with_the_reason
     let said = error_of(&output);
     assert!(said.contains("no point survived") && said.contains("inconsistent with other views"), "{said}");
     assert_eq!(std::fs::read(folder.cloud()).unwrap(), b"an older cloud");
+}
+
+#[test]
+fn the_papers_preset_filters_by_the_networks_probability() {
+    let scene = Scene::new(96, 64, 5);
+    // The network's probability of 0.1 is a share of 0.6 here, and 0.05 one of 0.5.
+    let map = MonotoneMap::try_new(vec![[0.0, 0.4], [0.1, 0.6], [1.0, 1.0]]).unwrap();
+    let fuse = |confidence: f32, kind: &ConfidenceKind| {
+        let folder = maps_of_confidence(&scene, confidence, kind);
+        let output = vamvs().arg("fuse").arg(folder.root()).args(["--preset", "dtu"]).output().unwrap();
+        std::fs::remove_dir_all(folder.root()).unwrap();
+        output
+    };
+    let calibrated = ConfidenceKind::Calibrated(map);
+    expect_success(&fuse(0.61, &calibrated));
+    assert!(error_of(&fuse(0.59, &calibrated)).contains("no point survived"));
+    expect_success(&fuse(0.11, &ConfidenceKind::Probability));
+    assert!(error_of(&fuse(0.09, &ConfidenceKind::Probability)).contains("no point survived"));
+    let said = error_of(&fuse(1.0, &ConfidenceKind::Refined));
+    assert!(said.contains("0000 is refined") && said.contains("--no-refine"), "{said}");
 }
 
 #[test]

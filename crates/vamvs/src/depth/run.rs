@@ -9,7 +9,7 @@ use super::maker::{Made, MadeMap, Maker};
 use super::{DepthJob, DepthSummary};
 use crate::event::{OnEvent, tell};
 use crate::identity::Identity;
-use crate::output::{LeftOut, Record, SavedMap, names};
+use crate::output::{ConfidenceKind, LeftOut, Record, SavedMap, names};
 use crate::refinement::Refinement;
 use crate::{Event, OutputFolder, Pass, Prepared, VamvsError, ViewPlan};
 
@@ -189,6 +189,11 @@ impl<'a> Run<'a> {
             made_of: self.identity.of(view, plan, &photographs, refined),
             planes: Some(plan.planes),
             sources: used.iter().map(|&source| self.names[source].clone()).collect(),
+            confidence: match self.work.estimator.calibration() {
+                _ if refined.is_some() => ConfidenceKind::Refined,
+                Some(map) => ConfidenceKind::Calibrated(map.clone()),
+                None => ConfidenceKind::Probability,
+            },
         }
     }
 

@@ -12,7 +12,7 @@ use vamvs_fusion::{
 };
 
 use super::part_files::{FrameReader, Kind, PartFiles, path};
-use super::{FuseSummary, Sink, warn_of_memory, working_memory, write_cloud};
+use super::{FuseSummary, Sink, warn_of_memory, with_own_confidence, working_memory, write_cloud};
 use crate::event::OnEvent;
 use crate::{Event, ExportOptions, FusionOptions, Maps, VamvsError};
 
@@ -22,7 +22,7 @@ const VERSION: u32 = 1;
 /// A fusion that is done in parts.
 pub struct PartialFusion<'a> {
     maps: &'a Maps,
-    options: &'a FusionOptions,
+    options: FusionOptions,
     neighbours: Vec<Vec<usize>>,
     schedule: Schedule,
     files: PartFiles,
@@ -32,12 +32,13 @@ impl<'a> PartialFusion<'a> {
     /// A fusion of these depth maps, with part files in the folder `parts/` next to them.
     ///
     /// # Errors
-    /// If an option is invalid.
-    pub fn new(maps: &'a Maps, options: &'a FusionOptions) -> Result<Self, VamvsError> {
+    /// If an option is invalid, or asks for the network's confidence, which the depth maps do not have.
+    pub fn new(maps: &'a Maps, options: &FusionOptions) -> Result<Self, VamvsError> {
         options.filter.validate().map_err(FuseError::from)?;
+        let options = with_own_confidence(maps, options)?;
         let neighbours = maps.neighbours(options.neighbours);
         let schedule = Schedule::new(&neighbours, maps.len())?;
-        let files = PartFiles::new(maps.root(), made_of(maps, options, &neighbours));
+        let files = PartFiles::new(maps.root(), made_of(maps, &options, &neighbours));
         Ok(Self { maps, options, neighbours, schedule, files })
     }
 
@@ -138,7 +139,7 @@ impl<'a> PartialFusion<'a> {
             }
             Ok(FuseReport { views: collector.finish(), memory: 0 })
         };
-        let wanted = (self.options, exports);
+        let wanted = (&self.options, exports);
         let fused = write_cloud((self.maps, &self.neighbours), cloud, wanted, run, on_event)?;
         self.remove(parts);
         Ok(fused)

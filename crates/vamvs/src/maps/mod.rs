@@ -17,7 +17,7 @@ use vamvs_io::{image, pfm};
 
 use crate::event::{OnEvent, tell};
 use crate::export::for_all_views;
-use crate::output::{LeftOut, Record, names};
+use crate::output::{ConfidenceKind, LeftOut, Record, names};
 use crate::{Event, OutputFolder, VamvsError};
 use layout::Layout;
 
@@ -151,6 +151,40 @@ impl Maps {
     #[must_use]
     pub fn record(&self, view: usize) -> Option<Record> {
         self.own.as_ref()?.saved(&self.names[view])
+    }
+
+    /// The value of the confidence maps where the network's probability is `probability`. Confidence maps without a
+    /// record are taken as probabilities, as other networks write them.
+    ///
+    /// # Errors
+    /// If depth maps are refined, so that the network's probability is unknown, or their calibrations differ.
+    pub fn confidence_at(&self, probability: f32) -> Result<f32, VamvsError> {
+        let mut least = None;
+        for (view, name) in self.names.iter().enumerate() {
+            let value = match self.record(view).map(|record| record.confidence) {
+                Some(ConfidenceKind::Calibrated(map)) => map.at(f64::from(probability)) as f32,
+                Some(ConfidenceKind::Probability) | None => probability,
+                Some(kind @ (ConfidenceKind::Refined | ConfidenceKind::Unknown)) => {
+                    let why =
+                        if kind == ConfidenceKind::Refined { "is refined" } else { "has an older record" };
+                    return Err(self.without_probability(&format!("the depth map of {name} {why}")));
+                }
+            };
+            if *least.get_or_insert(value) != value {
+                return Err(
+                    self.without_probability(&format!("{name} has another calibration than the first"))
+                );
+            }
+        }
+        Ok(least.unwrap_or(probability))
+    }
+
+    fn without_probability(&self, why: &str) -> VamvsError {
+        let problem = format!(
+            "thresholds on the network's probability (--preset dtu) need depth maps with a known one, but {why}: make \
+             all depth maps anew with one network and --no-refine, or give thresholds without the preset"
+        );
+        VamvsError::Folder { path: self.root.clone(), problem }
     }
 
     /// A view's pose, `cam_from_world`.

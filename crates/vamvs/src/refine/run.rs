@@ -9,7 +9,7 @@ use vamvs_core::{DepthMap, DepthRange, Photo, Source};
 
 use super::cache::PhotoCache;
 use super::{RefineJob, RefineSummary, Refined, refine_view};
-use crate::output::{LeftOut, Record, SavedMap, names};
+use crate::output::{ConfidenceKind, LeftOut, Record, SavedMap, names};
 use vamvs_io::image;
 
 use crate::event::{OnEvent, tell};
@@ -223,6 +223,7 @@ impl<'a> Run<'a> {
             made_of: hasher.finalize().to_hex().to_string(),
             planes: self.job.maps.record(map).and_then(|record| record.planes),
             sources: self.sources[map].iter().map(|&source| names[source].clone()).collect(),
+            confidence: ConfidenceKind::Refined,
         })
     }
 
