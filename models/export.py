@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from layers import NORMS
 from photometric import Photometric
-from va_point_mvsnet import AGGREGATIONS, HYPOTHESES, NEIGHBOURS, STEPS, VaPointMvsNet
+from va_point_mvsnet import AGGREGATIONS, HYPOTHESES, KERNELS, NEIGHBOURS, STEPS, VaPointMvsNet
 from vis_corr import STRIDES, VisCorr
 
 
@@ -83,6 +83,10 @@ def main() -> None:
         "--steps", type=float, nargs=3, default=STEPS, help="between hypotheses at 1/8, 1/4, 1/2, plane distances"
     )
     parser.add_argument("--flow-sources", type=int, metavar="N", help="the flow uses only the N best source views")
+    parser.add_argument(
+        "--kernel", type=int, choices=KERNELS, default=4, help="of the convolutions that halve the image; the authors' have 5"
+    )
+    parser.add_argument("--plane-step", type=float, metavar="PIXELS", help="distance between planes in the source views")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random weights")
     parser.add_argument(
         "--like",
@@ -118,6 +122,7 @@ def main() -> None:
             arguments.coarse_stride,
             tuple(arguments.steps),
             arguments.flow_sources,
+            arguments.kernel,
         )
     if arguments.like is not None:
         others = [torch.jit.load(path) for path in arguments.like]
@@ -133,6 +138,8 @@ def main() -> None:
         if arguments.renew:
             about = {**about, **json.loads(others[0].manifest())}
         module.set_manifest(json.dumps(about))
+    if arguments.plane_step is not None:
+        module.set_manifest(json.dumps({**json.loads(module.manifest()), "plane_step": arguments.plane_step}))
     torch.jit.script(module.eval()).save(arguments.out)
 
 

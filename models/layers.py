@@ -94,7 +94,8 @@ class Pair1d(nn.Module):
 
 class Conv2d(nn.Module):
     """(B, C, H, W) → (B, C', H/stride, W/stride). With an odd kernel for stride 1 and an even one for stride 2, output
-    pixels are centred on the input pixels that they cover."""
+    pixels are centred on the input pixels that they cover. With an odd kernel for stride 2 they are half an input pixel to
+    the left and to the top."""
 
     batch: Final[bool]
 

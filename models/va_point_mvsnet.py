@@ -1,8 +1,8 @@
 """The network of Chen et al., "Visibility-Aware Point-Based Multi-View Stereo Network" (TPAMI 2020).
 
 Layer sizes are those of the authors' implementation, except for the convolutions that halve the image. They are
-4×4 instead of 5×5, so that a feature is centred on the pixels that it covers, as the geometry around the module
-assumes; with 5×5 it would be shifted by 0.5, 1.5 and 3.5 image pixels at the three levels. The module contains the
+4×4 instead of 5×5, so that a feature is centred on the pixels that it covers. With `kernel` 5, as the authors have it,
+features are shifted by 0.5, 1.5 and 3.5 image pixels at the three levels, which the manifest says. The module contains the
 learned part. The geometry between its methods (warping, lifting, neighbours, the reduction over views) is in the Rust
 crate `vamvs-net`. README.md in this folder is the contract between both.
 """
@@ -18,6 +18,7 @@ from layers import Conv1d, Conv2d, Conv3d, Deconv3d, Pair1d, normalisation, scal
 from matcher import GradientMatcher
 
 AGGREGATIONS = ("avg", "max", "var", "vis-avg", "vis-max", "vis-var")
+KERNELS = (4, 5)  # of the convolutions that halve the image
 NEIGHBOURS = 16
 HYPOTHESES = 2  # hypotheses to each side of a point (m)
 STEPS = (1.0, 0.75, 0.15)  # distances between hypotheses in the three flow iterations, in plane distances (s)
@@ -30,13 +31,13 @@ PAIRS = 8192  # pairs, or points, that go through a shared MLP at once, for the 
 class ImageNet(nn.Module):
     """Image pyramid (section 3.1): (B, 3, H, W) → 16 channels at 1/2, 32 at 1/4, 64 at 1/8, each divided by `thin`."""
 
-    def __init__(self, norm: str, thin: int) -> None:
+    def __init__(self, norm: str, thin: int, kernel: int) -> None:
         super().__init__()
         a, b, c, d = (channels // thin for channels in (8, *FLOW_CHANNELS))
         self.level0 = nn.Sequential(Conv2d(3, a, 3, 1, norm), Conv2d(a, a, 3, 1, norm))
-        self.level1 = nn.Sequential(Conv2d(a, b, 4, 2, norm), Conv2d(b, b, 3, 1, norm), Conv2d(b, b, 3, 1, norm))
-        self.level2 = nn.Sequential(Conv2d(b, c, 4, 2, norm), Conv2d(c, c, 3, 1, norm), Conv2d(c, c, 3, 1, norm))
-        self.level3 = nn.Sequential(Conv2d(c, d, 4, 2, norm), Conv2d(d, d, 3, 1, norm))
+        self.level1 = nn.Sequential(Conv2d(a, b, kernel, 2, norm), Conv2d(b, b, 3, 1, norm), Conv2d(b, b, 3, 1, norm))
+        self.level2 = nn.Sequential(Conv2d(b, c, kernel, 2, norm), Conv2d(c, c, 3, 1, norm), Conv2d(c, c, 3, 1, norm))
+        self.level3 = nn.Sequential(Conv2d(c, d, kernel, 2, norm), Conv2d(d, d, 3, 1, norm))
         self.last = nn.Conv2d(d, d, 3, padding=1, bias=False)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -278,12 +279,17 @@ class VaPointMvsNet(nn.Module):
         coarse_stride: int = 8,
         steps: tuple[float, float, float] = STEPS,
         flow_sources: Optional[int] = None,
+        kernel: int = 4,
     ) -> None:
         super().__init__()
         if aggregation not in AGGREGATIONS:
             raise ValueError(f"aggregation must be one of {AGGREGATIONS}, not {aggregation!r}")
         if matched and aggregation not in ("vis-avg", "vis-max"):
             raise ValueError(f"the handcrafted matcher compares pairs of views, as {aggregation} does not")
+        if kernel not in KERNELS:
+            raise ValueError(f"the kernel must be one of {KERNELS}, not {kernel}")
+        if kernel != 4 and matched:
+            raise ValueError("the handcrafted matcher's features are centred, as those of a kernel of 5 are not")
         self.plane_depth = plane_depth
         self.matched = matched
         self.pairwise = aggregation in ("vis-avg", "vis-max")
@@ -313,13 +319,15 @@ class VaPointMvsNet(nn.Module):
             about["guide"] = guide
         if coarse_stride != 8:
             about["coarse_stride"] = coarse_stride
+        if kernel == 5:
+            about["feature_offsets"] = [0.5, 1.5, 3.5]
         if flow_sources is not None:
             about["flow_sources"] = flow_sources
         self.about = json.dumps(about)
         flow_in = sum(FLOW_CHANNELS) // thin
         wide, out = 128 // thin, 64 // thin
-        self.coarse_images = ImageNet(norm, thin)
-        self.flow_images = ImageNet(norm, thin)
+        self.coarse_images = ImageNet(norm, thin, kernel)
+        self.flow_images = ImageNet(norm, thin, kernel)
         self.coarse_channels = out
         self.volume = VolumeNet(out + 2 * matched, norm, thin)
         if matched:

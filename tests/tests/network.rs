@@ -18,7 +18,7 @@ const PAPER_AGGREGATIONS: [&str; 6] = ["avg", "max", "var", "vis-avg", "vis-max"
 
 /// The names of one network for each aggregation, for [`module`].
 fn of_each_aggregation() -> impl Iterator<Item = &'static str> {
-    PAPER_AGGREGATIONS.into_iter().chain(["weights/vis-corr"])
+    PAPER_AGGREGATIONS.into_iter().chain(["kernel5", "weights/vis-corr"])
 }
 
 /// Loads a small untrained network of `tests/modules`, or, if the name begins with `weights/`, a shipped one.
@@ -56,6 +56,47 @@ fn agreement(a: &DepthMap, b: &DepthMap, scale: f64, limit: f64) -> f64 {
     close.count() as f64 / a.depth.data().len() as f64
 }
 
+/// The outputs of a module's method, which gives a tensor or three.
+fn outputs(module: &tch::CModule, method: &str, inputs: &[&Tensor]) -> Vec<Tensor> {
+    let inputs: Vec<_> = inputs.iter().map(|tensor| tch::IValue::Tensor(tensor.shallow_clone())).collect();
+    match module.method_is(method, &inputs).unwrap() {
+        tch::IValue::Tensor(tensor) => vec![tensor],
+        tch::IValue::Tuple(levels) => {
+            levels.into_iter().map(|level| Tensor::try_from(level).unwrap()).collect()
+        }
+        other => panic!("{method} gave {other:?}"),
+    }
+}
+
+/// `models/plain.py` writes both modules.
+#[test]
+fn the_network_is_the_authors_layers_in_their_order() {
+    let load = |name: &str| {
+        let path = format!("{}/modules/{name}.pt", env!("CARGO_MANIFEST_DIR"));
+        tch::CModule::load(path).unwrap()
+    };
+    let (network, plain) = (load("kernel5"), load("plain"));
+    let random = |shape: &[i64]| Tensor::rand(shape, (Kind::Float, Device::Cpu));
+    let images = random(&[1, 3, 48, 64]);
+    let neighbours = Tensor::randint(200, [1, 200, 16], (Kind::Int64, Device::Cpu));
+    let calls: [(&str, Vec<Tensor>); 4] = [
+        ("encode_coarse", vec![images.shallow_clone()]),
+        ("encode_flow", vec![images]),
+        ("regularize", vec![random(&[1, 16, 16, 8, 24])]),
+        ("flow", vec![random(&[1, 52, 200]), neighbours]),
+    ];
+    for (method, inputs) in calls {
+        let inputs: Vec<&Tensor> = inputs.iter().collect();
+        let (found, expected) = (outputs(&network, method, &inputs), outputs(&plain, method, &inputs));
+        assert_eq!(found.len(), expected.len());
+        for (found, expected) in found.iter().zip(&expected) {
+            assert_eq!(found.size(), expected.size());
+            assert!(expected.std(false).double_value(&[]) > 1e-3, "{method} gives almost a constant");
+            assert!(found.allclose(expected, 1e-4, 1e-4, false), "{method}");
+        }
+    }
+}
+
 #[test]
 fn all_aggregations_give_depth_and_confidence_for_any_size_and_number_of_views() {
     let views = fixtures::still_life(Size::new(107, 85), 4);
@@ -66,7 +107,8 @@ fn all_aggregations_give_depth_and_confidence_for_any_size_and_number_of_views()
             let planes = planes(&views[0], 16);
             let map = depth(&estimator, &photos, &planes);
             // vis-corr has no flow iterations, so its map is a quarter of the photograph's size.
-            let size = if PAPER_AGGREGATIONS.contains(&name) { Size::new(53, 42) } else { Size::new(26, 21) };
+            let has_flow = !estimator.network().iterations().is_empty();
+            let size = if has_flow { Size::new(53, 42) } else { Size::new(26, 21) };
             assert_eq!(map.depth.size(), size, "{name}");
             let DepthRange { near, far } = planes.range;
             let margin = 0.3 * (far - near);

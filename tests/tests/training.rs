@@ -266,10 +266,11 @@ fn a_view_with_little_truth_is_learnt_from_and_one_without_any_is_not() {
     for view in views {
         pfm::write(&view.depth, &nothing).unwrap();
     }
-    let error = draw(&training, &options, 0, 0).unwrap_err().to_string();
+    let error = draw(&training, (&options, 4.0), 0, 0).unwrap_err().to_string();
     assert!(error.contains("found none, nor in 7 others"), "{error}");
     pfm::write(&views[0].depth, &little).unwrap();
-    let drawn: Vec<_> = (0..8).filter_map(|number| draw(&training, &options, 0, number).ok()).collect();
+    let drawn: Vec<_> =
+        (0..8).filter_map(|number| draw(&training, (&options, 4.0), 0, number).ok()).collect();
     assert!(drawn.len() >= 6, "the view is found in nine of ten draws, {}", drawn.len());
     for sample in drawn {
         assert!(sample.true_depths(1).data().iter().any(|depth| *depth > 0.0));
@@ -295,7 +296,7 @@ fn a_calibrated_network_tells_the_fitted_share_as_its_confidence() {
     let network = network("vis-max");
     let options = EstimatorOptions::of(&network);
     let mut estimator = Estimator::new(network, options).unwrap();
-    let sample = whole(&training.scenes[0], 0, &measure).unwrap();
+    let sample = whole(&training.scenes[0], 0, (&measure, 4.0)).unwrap();
     let confidence = |estimator: &Estimator| {
         let views = tch::no_grad(|| sample.encode(estimator.network()).unwrap());
         let sources: Vec<_> = views[1..].iter().collect();
@@ -325,7 +326,7 @@ fn views_can_be_weighted_by_the_true_visibility() {
     let network = network("vis-var");
     let options = EstimatorOptions::of(&network);
     let estimator = Estimator::new(network, options).unwrap();
-    let mut sample = whole(&training.scenes[0], 0, &measure).unwrap();
+    let mut sample = whole(&training.scenes[0], 0, (&measure, 4.0)).unwrap();
     let views = tch::no_grad(|| sample.encode(estimator.network()).unwrap());
     assert!(sample.masks(estimator.network(), &views[0]).unwrap().is_none(), "it is off by default");
     sample.true_visibility = true;

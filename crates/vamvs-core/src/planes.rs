@@ -11,10 +11,6 @@ use serde::{Deserialize, Serialize};
 use crate::homography::PixelTransfer;
 use crate::{DepthRange, Pinhole, Pose};
 
-/// The distance between neighbouring planes that [`Planes::for_views`] aims at, pixels in the source
-/// views: half a pixel of the cost volume at 1/8.
-const PIXELS_PER_PLANE: f64 = 4.0;
-
 /// Fewest planes that [`Planes::for_views`] gives, unless `most` is smaller.
 const FEWEST: usize = 32;
 
@@ -68,7 +64,7 @@ impl Planes {
     }
 
     /// Planes for a depth range, given the reference and source cameras. Neighbouring planes are about
-    /// four pixels apart in the source images (the median over sources and rays). Their number is
+    /// `step` pixels apart in the source images (the median over sources and rays). Their number is
     /// rounded up to a multiple of 8 and clamped to between 32 and `most`. Spacing is uniform in inverse
     /// depth if the range is wide, far > 3 · near.
     #[must_use]
@@ -76,13 +72,13 @@ impl Planes {
         range: DepthRange,
         reference: (&Pinhole, &Pose),
         sources: &[(&Pinhole, &Pose)],
-        most: usize,
+        (step, most): (f64, usize),
     ) -> Self {
         let mut spans: Vec<_> =
             sources.iter().filter_map(|source| image_span(range, reference, *source)).collect();
         spans.sort_by(f64::total_cmp);
         let span = spans.get(spans.len() / 2).copied().unwrap_or(0.0);
-        let count = (span / PIXELS_PER_PLANE).ceil().min(most as f64) as usize + 1;
+        let count = (span / step).ceil().min(most as f64) as usize + 1;
         let count = count.next_multiple_of(8).clamp(FEWEST.min(most), most);
         let wide = range.far > WIDE_RATIO * range.near;
         Self { range, count, spacing: if wide { Spacing::InverseDepth } else { Spacing::Depth } }
@@ -123,7 +119,7 @@ mod tests {
     use nalgebra::Vector3;
 
     #[test]
-    fn neighbouring_planes_are_four_pixels_apart_in_the_source() {
+    fn neighbouring_planes_are_a_step_apart_in_the_source() {
         let camera = Pinhole {
             size: Size::new(800, 600),
             intrinsics: Intrinsics { fx: 1000.0, fy: 1000.0, cx: 400.0, cy: 300.0 },
@@ -132,10 +128,14 @@ mod tests {
             (Pose::identity(), Pose { translation: Vector3::new(-1.0, 0.0, 0.0), ..Pose::identity() });
         let range = DepthRange { near: 2.0, far: 10.0 };
         // A rectified pair: disparity 1000 · 1 · (1/2 − 1/10) = 400 pixels.
-        let planes = Planes::for_views(range, (&camera, &here), &[(&camera, &aside)], 256);
-        assert_eq!((planes.count, planes.spacing), (104, Spacing::InverseDepth));
-        assert_eq!(Planes::for_views(range, (&camera, &here), &[(&camera, &aside)], 64).count, 64);
-        assert_eq!(Planes::for_views(range, (&camera, &here), &[(&camera, &here)], 64).count, FEWEST);
+        let planes = |source, step, most| {
+            Planes::for_views(range, (&camera, &here), &[(&camera, source)], (step, most))
+        };
+        let four = planes(&aside, 4.0, 256);
+        assert_eq!((four.count, four.spacing), (104, Spacing::InverseDepth));
+        assert_eq!(planes(&aside, 2.0, 256).count, 208);
+        assert_eq!(planes(&aside, 4.0, 64).count, 64);
+        assert_eq!(planes(&here, 4.0, 64).count, FEWEST);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use crate::correlate::{correlation, pooled};
 use crate::native::transfer::Transfer;
 use crate::native::{self, Level, in_memory};
 use crate::profile::{Profile, Stage};
-use crate::project::{Outside, PixelGrid, Projection, depth_of, sample};
+use crate::project::{Outside, PixelGrid, Projection, depth_of, for_offset, sample};
 use crate::script::Mode;
 use crate::slabs::Slabs;
 use crate::{Aggregation, EncodedView, NetError, Network};
@@ -25,6 +25,8 @@ struct Sweep<'a> {
     pixel_grid: PixelGrid,
     /// Index of the swept features in [`EncodedView::coarse`].
     level: usize,
+    /// How far these features lie from the centres of their cells, see [`crate::Manifest::feature_offsets`].
+    offset: f64,
     /// Planes in a slab.
     slab: usize,
 }
@@ -111,13 +113,15 @@ impl<'a> Sweep<'a> {
         let SweepInputs { network, reference, sources, planes, level, slab_bytes } = *inputs;
         let stride = reference.stride << level;
         let pixel_grid = PixelGrid::new(stride, (0, 0), 1, reference.size_at(stride));
+        let offset = network.manifest().feature_offset(stride);
+        let pixel_grid = pixel_grid.moved(offset);
         let sources = sources
             .iter()
             .map(|source| Ok((*source, Projection::new(&pixel_grid, reference, source, planes.range.near)?)))
             .collect::<Result<_, TchError>>()?;
         let plane_bytes = reference.coarse[level].numel() * size_of::<f32>();
         let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
-        Ok(Self { network, reference, sources, planes, pixel_grid, level, slab })
+        Ok(Self { network, reference, sources, planes, pixel_grid, level, offset, slab })
     }
 
     /// The masks that weigh the views: `seen` if it is given and the aggregation weighs views, else the network's.
@@ -132,6 +136,17 @@ impl<'a> Sweep<'a> {
 impl Sweep<'_> {
     fn features<'v>(&self, view: &'v EncodedView) -> &'v Tensor {
         &view.coarse[self.level]
+    }
+
+    /// The features of a source view at the projections of the pixels at depths (D, 1): (D, C, h, w).
+    fn warped(
+        &self,
+        source: &EncodedView,
+        projection: &Projection,
+        depth: &Tensor,
+    ) -> Result<Tensor, TchError> {
+        let grid = for_offset(&projection.grid(depth)?, self.offset, source.padded)?;
+        sample(self.features(source), &grid, Outside::Zero)
     }
 
     /// vis-corr: the mean over the source views of their correlations with the reference view, weighted by their
@@ -191,7 +206,7 @@ impl Sweep<'_> {
         let group = self.network.manifest().group;
         let slab = |first: usize| -> Result<Tensor, TchError> {
             let (depth, _) = self.slab_depths(first)?;
-            let warped = sample(self.features(source), &projection.grid(&depth)?, Outside::Zero)?;
+            let warped = self.warped(source, projection, &depth)?;
             correlation(self.features(self.reference), &warped, group)
         };
         let slabs: Vec<Tensor> =
@@ -229,7 +244,7 @@ impl Sweep<'_> {
             reducer.add(&self.features(self.reference).f_expand([planes, -1, -1, -1], false)?, None)?;
         }
         for (index, (source, projection)) in self.sources.iter().enumerate() {
-            let warped = sample(self.features(source), &projection.grid(&depth)?, Outside::Zero)?;
+            let warped = self.warped(source, projection, &depth)?;
             if aggregation.relates_pairs() {
                 let related = self.network.relate(self.features(self.reference), &warped, &coordinate)?;
                 let split = related.size()[1] - manifest.averaged as i64;
@@ -260,7 +275,7 @@ impl Sweep<'_> {
                 let mut pooled: Option<Tensor> = None;
                 for first in (0..self.planes.count).step_by(self.slab) {
                     let (depth, coordinate) = self.slab_depths(first)?;
-                    let warped = sample(self.features(source), &projection.grid(&depth)?, Outside::Zero)?;
+                    let warped = self.warped(source, projection, &depth)?;
                     let related = self.network.relate(self.features(self.reference), &warped, &coordinate)?;
                     let best = related.f_amax([0], true)?;
                     pooled = Some(match pooled {

@@ -14,7 +14,7 @@ use crate::manifest::check_iterations;
 use crate::point_flow::{FlowStage, upsample_nearest};
 use crate::post_process::{completed, upsampled};
 use crate::profile::{Profile, Stage};
-use crate::project::depth_of;
+use crate::project::{centred, depth_of};
 use crate::tensor_grid::to_grid;
 use crate::{Device, EncodedView, Iteration, NetError, Network};
 
@@ -352,8 +352,12 @@ impl Estimator {
         let wide_masks = seen.as_ref().map(|masks| masks.iter().map(halved).collect::<Result<_, _>>());
         let mut costs_at = |level: usize, seen: Option<Vec<Tensor>>| {
             let inputs = SweepInputs { network, reference, sources, planes, level, slab_bytes };
+            let are_given = seen.is_some();
             let Costs { costs, visibility } = cost_volume::costs(&inputs, seen, profile)?;
-            Ok::<_, NetError>((costs, visibility))
+            let stride = reference.stride << level;
+            let cells = network.manifest().feature_offset(stride) / stride as f64;
+            let masks = visibility.into_iter().map(|mask| centred(mask, if are_given { 0.0 } else { cells }));
+            Ok::<_, NetError>((centred(costs, cells)?, masks.collect::<Result<_, _>>()?))
         };
         let (mut costs, visibility) = costs_at(0, seen)?;
         if reference.coarse.len() > 1 {

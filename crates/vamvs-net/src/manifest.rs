@@ -6,7 +6,7 @@ use crate::depth_completion::Completion;
 use serde::{Deserialize, Serialize};
 use vamvs_core::MonotoneMap;
 
-use crate::encode::LARGEST_STRIDE;
+use crate::encode::{FLOW_SCALES, LARGEST_STRIDE};
 use crate::{Aggregation, NetError};
 
 /// The version of the contract between modules and this crate.
@@ -48,11 +48,20 @@ pub struct Manifest {
     /// Stride of the coarse features in the image that the network sees: 8 or 4; absent: 8, as in the paper.
     #[serde(alias = "stride", default = "paper_stride", skip_serializing_if = "is_paper_stride")]
     pub feature_stride: usize,
+    /// How far features lie from the centres of the pixels that they cover, towards the left and the top, pixels of the
+    /// image that the network sees, at the strides 2, 4 and 8; absent: 0. Layers that halve an image by an odd kernel
+    /// give 0.5, 1.5 and 3.5.
+    #[serde(default, skip_serializing_if = "are_zero")]
+    pub feature_offsets: [f64; 3],
     /// vis-corr: number of channels in a group; the channels of every level of features are a multiple of it.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub group: usize,
     /// The number of planes for which the network is meant; runs choose theirs from the cameras.
     pub planes: usize,
+    /// Distance between neighbouring planes in the source views, pixels of the photograph; absent: 4, half a pixel of the
+    /// paper's coarse depth map.
+    #[serde(default = "paper_plane_step", skip_serializing_if = "is_paper_plane_step")]
+    pub plane_step: f64,
     /// The default flow iterations; those coarser than the coarse depth map are skipped.
     pub iterations: Vec<Iteration>,
     /// Depth completion on textureless surfaces, for maps at the coarse resolution; absent: none, as in the paper.
@@ -83,6 +92,18 @@ fn paper_stride() -> usize {
 
 fn is_paper_stride(coarse_stride: &usize) -> bool {
     *coarse_stride == LARGEST_STRIDE
+}
+
+fn paper_plane_step() -> f64 {
+    LARGEST_STRIDE as f64 / 2.0
+}
+
+fn is_paper_plane_step(step: &f64) -> bool {
+    *step == paper_plane_step()
+}
+
+fn are_zero(offsets: &[f64; 3]) -> bool {
+    *offsets == [0.0; 3]
 }
 
 fn is_zero(count: &usize) -> bool {
@@ -127,6 +148,22 @@ impl Manifest {
             let group = manifest.group;
             return Err(wrong(format!("correlates groups of {group} channels: expected 1 to 256 (group)")));
         }
+        if !(0.125..=64.0).contains(&manifest.plane_step) {
+            return Err(wrong(format!(
+                "has a plane_step of {} pixels: expected 0.125 to 64",
+                manifest.plane_step
+            )));
+        }
+        let offsets = manifest.feature_offsets;
+        if !offsets.iter().zip(FLOW_SCALES).all(|(offset, scale)| (0.0..scale as f64 / 2.0).contains(offset))
+        {
+            return Err(wrong(format!(
+                "has feature_offsets of {offsets:?} pixels: expected three, from 0 to less than 1, 2 and 4"
+            )));
+        }
+        if manifest.aggregation.correlates() && !are_zero(&offsets) {
+            return Err(wrong("has feature_offsets: expected none for vis-corr".to_owned()));
+        }
         if let Some(window) = manifest.window.filter(|window| *window > 64) {
             return Err(wrong(format!("has a window of {window} planes: expected 0 to 64")));
         }
@@ -148,6 +185,17 @@ impl Manifest {
         }
         check_iterations(&manifest.iterations).map_err(wrong)?;
         Ok(manifest)
+    }
+
+    /// The entry of `feature_offsets` for features of this stride, 2, 4, 8 or, of a photograph that is enlarged for the
+    /// others, 16.
+    pub(crate) fn feature_offset(&self, stride: usize) -> f64 {
+        let [half, quarter, eighth] = self.feature_offsets;
+        match stride {
+            2 => half,
+            4 => quarter,
+            _ => eighth * (stride / LARGEST_STRIDE) as f64,
+        }
     }
 
     /// Checks that the network can work with this coarse stride.
@@ -213,6 +261,9 @@ mod tests {
             ("\"neighbours\":16", "\"neighbours\":0", "0 neighbours"),
             ("vis-max", "vis-min", "vis-min"),
             ("\"scores\":{}", "\"scores\":{},\"calibration\":[[0.5,0.5],[0.4,0.9]]", "x to grow"),
+            ("\"planes\":96", "\"planes\":96,\"plane_step\":0", "plane_step of 0 pixels"),
+            ("\"planes\":96", "\"planes\":96,\"feature_offsets\":[0.5,1.5,4]", "less than 1, 2 and 4"),
+            ("vis-max\"", "vis-corr\",\"group\":4,\"feature_offsets\":[0.5,1.5,3.5]", "none for vis-corr"),
             ("\"planes\":96", "\"planes\":96,\"window\":65", "window of 65"),
             ("\"planes\":96", "\"planes\":96,\"coarse_stride\":16", "a coarse stride of 16"),
             ("\"planes\":96", "\"planes\":96,\"feature_stride\":2", "stride of 2"),

@@ -13,10 +13,11 @@ use vamvs_core::{Planes, Size};
 
 use crate::coarse::{PlaneMap, expectation_and_confidence};
 use crate::correlate::correlation;
+use crate::encode::FLOW_SCALES;
 use crate::native::transfer::Transfer;
 use crate::native::{self, Level, fetch, in_memory, in_memory_mut};
 use crate::profile::{Profile, Stage};
-use crate::project::{Outside, PixelGrid, Projection, depth_of, sample};
+use crate::project::{Outside, PixelGrid, Projection, depth_of, for_offset, sample};
 use crate::script::{CONTEXT_LEVEL, POSITION_CHANNELS};
 use crate::{EncodedView, Iteration, NetError, Network};
 
@@ -151,14 +152,14 @@ impl FlowStage<'_> {
         let hypotheses = depth.size()[0];
         let device = depth.device();
         let reference_grid = pixel_grid.grid(self.reference, device)?;
-        let reference = fetch_levels(&self.reference.flow, &reference_grid, Outside::Border)?; // (1, C, h·w)
+        let reference = self.fetch_levels(self.reference, &reference_grid, Outside::Border)?; // (1, C, h·w)
         let mut reducer = aggregation.reducer();
         if !aggregation.relates_pairs() && !aggregation.correlates() {
             reducer.add(&reference.f_expand([hypotheses, -1, -1], false)?, None)?;
         }
         for (index, source) in self.sources.iter().enumerate() {
             let projection = Projection::new(pixel_grid, self.reference, source, self.planes.range.near)?;
-            let fetched = fetch_levels(&source.flow, &projection.grid(depth)?, Outside::Zero)?; // (J, C, h·w)
+            let fetched = self.fetch_levels(source, &projection.grid(depth)?, Outside::Zero)?; // (J, C, h·w)
             if aggregation.relates_pairs() {
                 reducer.add(&self.network.relate_flow(&reference, &fetched)?, None)?;
                 continue;
@@ -177,6 +178,17 @@ impl FlowStage<'_> {
             return self.with_context(&aggregated, &reference);
         }
         Ok(aggregated)
+    }
+
+    /// All levels of a view's features sampled at one grid, joined: (B, C₁ + C₂ + C₃, h·w).
+    fn fetch_levels(&self, view: &EncodedView, grid: &Tensor, outside: Outside) -> Result<Tensor, TchError> {
+        let level = |(features, scale): (&Tensor, usize)| {
+            let offset = self.network.manifest().feature_offset(scale);
+            sample(features, &for_offset(grid, offset, view.padded)?, outside)
+        };
+        let levels: Vec<Tensor> =
+            view.flow.iter().zip(FLOW_SCALES).map(level).collect::<Result<_, TchError>>()?;
+        Tensor::f_cat(&levels, 1)?.f_flatten(2, 3)
     }
 
     /// vis-corr: the correlations of fetched features (J, C, h·w) with the reference view's (1, C, h·w), level by
@@ -199,7 +211,7 @@ impl FlowStage<'_> {
         points: &Tensor,
     ) -> Result<Tensor, NetError> {
         let (grid, group) = (pixel_grid.grid(self.reference, depth.device())?, self.network.manifest().group);
-        let reference = fetch_levels(&self.reference.flow, &grid, Outside::Border)?; // (1, C, h·w)
+        let reference = self.fetch_levels(self.reference, &grid, Outside::Border)?; // (1, C, h·w)
         let reference = reference.f_squeeze_dim(0)?.f_tr()?.f_contiguous()?; // (h·w, C)
         let masks = self.visibility[..self.sources.len()].iter();
         let masks = masks.map(|mask| self.mask(mask, &grid)?.f_contiguous());
@@ -287,14 +299,6 @@ fn offset(scores: &Tensor) -> Result<PlaneMap, TchError> {
     }
     let flow = expectation_and_confidence(&scores.f_neg()?.f_softmax(0, Kind::Float)?)?;
     Ok(PlaneMap { u: flow.u.f_sub_scalar((hypotheses / 2) as f64)?, ..flow })
-}
-
-/// All levels of features sampled at one grid, joined: (B, C₁ + C₂ + C₃, h·w).
-fn fetch_levels(levels: &[Tensor; 3], grid: &Tensor, outside: Outside) -> Result<Tensor, TchError> {
-    let [half, quarter, eighth] = levels;
-    let sampled =
-        [sample(half, grid, outside)?, sample(quarter, grid, outside)?, sample(eighth, grid, outside)?];
-    Tensor::f_cat(&sampled, 1)?.f_flatten(2, 3)
 }
 
 /// Joins strips of rows into one map.

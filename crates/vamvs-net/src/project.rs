@@ -37,6 +37,13 @@ impl PixelGrid {
         Size::new(self.x.len(), self.y.len())
     }
 
+    /// The grid moved by so many pixels to the left and to the top.
+    #[must_use]
+    pub(crate) fn moved(mut self, offset: f64) -> Self {
+        self.x.iter_mut().chain(&mut self.y).for_each(|centre| *centre -= offset);
+        self
+    }
+
     /// The rows `first..end`.
     #[must_use]
     pub fn rows(&self, first: usize, end: usize) -> Self {
@@ -170,6 +177,31 @@ pub fn sample(features: &Tensor, grid: &Tensor, outside: Outside) -> Result<Tens
     features.f_expand([batch, -1, -1, -1], false)?.f_grid_sampler_2d(grid, BILINEAR, outside as i64, false)
 }
 
+/// A sampling grid (B, h, w, 2) for features of an image of `padded` pixels that lie `offset` pixels to the left and to the
+/// top of the centres of the pixels that they cover.
+pub(crate) fn for_offset(grid: &Tensor, offset: f64, padded: Size) -> Result<Tensor, TchError> {
+    if offset == 0.0 {
+        return Ok(grid.shallow_clone());
+    }
+    let shift = [padded.width, padded.height].map(|side| (2.0 * offset / side as f64) as f32);
+    grid.f_add(&Tensor::f_from_slice(&shift)?.f_to_device(grid.device())?)
+}
+
+/// A map (1, C, h, w) whose entries lie `cells` of their distances, less than 1, to the left and to the top of the
+/// centres of their cells, interpolated at these centres.
+pub(crate) fn centred(map: Tensor, cells: f64) -> Result<Tensor, TchError> {
+    if cells == 0.0 {
+        return Ok(map);
+    }
+    let between = |map: &Tensor, axis: i64| {
+        let length = map.size()[axis as usize];
+        let last = map.f_narrow(axis, length - 1, 1)?;
+        let next = Tensor::f_cat(&[&map.f_narrow(axis, 1, length - 1)?, &last], axis)?;
+        map.f_lerp(&next, cells)
+    };
+    between(&between(&map, 2)?, 3)
+}
+
 /// The depths of plane coordinates `u`, in units of the range's near end. Outside the range they are clamped, so that
 /// they stay positive and finite.
 ///
@@ -249,6 +281,36 @@ mod tests {
         let ramp = ramp.view([1, 1, 1, 160]).expand([1, 1, 120, 160], false);
         let sampled = sample(&ramp, &grid, Outside::Zero).unwrap();
         assert!((sampled.double_value(&[0, 0, 4, 7]) - 60.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn features_beside_the_centres_of_their_cells_are_found_where_they_are() {
+        let (reference, source) = (view(Vector3::zeros()), view(Vector3::new(0.7, -0.2, 0.1)));
+        // Features at 8 i + 0.5 that tell their x and y.
+        let at = |count: i64| Tensor::arange(count, CPU) * 8.0 + 0.5;
+        let x = at(40).view([1, 1, 1, 40]).expand([1, 1, 30, 40], false);
+        let y = at(30).view([1, 1, 30, 1]).expand([1, 1, 30, 40], false);
+        let features = Tensor::cat(&[x, y], 1);
+        let pixel_grid = PixelGrid::new(8, (0, 0), 1, Size::new(40, 30)).moved(3.5);
+        assert!((pixel_grid.x[2] - 16.5).abs() < 1e-12 && (pixel_grid.y[0] - 0.5).abs() < 1e-12);
+        let transfer = PixelTransfer::new(
+            &reference.camera,
+            &source.camera,
+            &source.cam_from_world.compose(&reference.cam_from_world.inverse()),
+        );
+        let projection = Projection::new(&pixel_grid, &reference, &source, 2.0).unwrap();
+        let grid = projection.grid(&Tensor::from_slice(&[2.5_f32]).view([1, 1])).unwrap();
+        let grid = for_offset(&grid, 3.5, source.padded).unwrap();
+        let found = sample(&features, &grid, Outside::Border).unwrap();
+        let pixel = Vector2::new(pixel_grid.x[21], pixel_grid.y[13]);
+        let (expected, _) = transfer.project(&pixel, 5.0).unwrap();
+        for axis in 0..2 {
+            let error = found.double_value(&[0, axis, 13, 21]) - expected[axis as usize];
+            assert!(error.abs() < 1e-3, "{error} pixels off");
+        }
+        let centres = centred(features, 3.5 / 8.0).unwrap();
+        assert!((centres.double_value(&[0, 0, 4, 7]) - 60.0).abs() < 1e-4);
+        assert!((centres.double_value(&[0, 1, 4, 7]) - 36.0).abs() < 1e-4);
     }
 
     #[test]

@@ -44,7 +44,8 @@ pub fn calibrate(
     let (mut fitted, mut measured) = (Vec::new(), Vec::new());
     for index in 0..count {
         let (scene, view) = references[index * references.len() / count];
-        let sample = whole(&dataset.scenes[scene], view, options)?;
+        let sample =
+            whole(&dataset.scenes[scene], view, (options, estimator.network().manifest().plane_step))?;
         let map = estimate(estimator, &sample)?;
         let ground_truth = sample.true_depths(map.scale_in(&sample.photos[0].camera));
         let of_view = outcomes(&map.depth, &map.confidence, &ground_truth);

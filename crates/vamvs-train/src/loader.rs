@@ -21,8 +21,13 @@ pub struct Loader {
 impl Loader {
     /// Starts a thread that reads samples from number `first` on.
     #[must_use]
-    pub fn new(dataset: Arc<Dataset>, options: SampleOptions, seed: u64, first: u64) -> Self {
-        Self::of(first, move |number| draw(&dataset, &options, seed, number))
+    pub fn new(
+        dataset: Arc<Dataset>,
+        (options, plane_step): (SampleOptions, f64),
+        seed: u64,
+        first: u64,
+    ) -> Self {
+        Self::of(first, move |number| draw(&dataset, (&options, plane_step), seed, number))
     }
 
     /// Starts a thread that draws samples by their numbers until `draw` panics; the panic becomes the last sample's

@@ -122,13 +122,13 @@ pub fn centres(side: usize, scale: usize) -> Vec<f64> {
     (0..side / scale).map(|i| (i as f64 + 0.5) * scale as f64).collect()
 }
 
-/// Draws sample `number` of a run. For a data set and options it depends only on the seed and the number.
+/// Draws sample `number` of a run, for a network whose manifest has this `plane_step`. For a data set and options it depends only on the seed and the number.
 ///
 /// # Errors
 /// If a file cannot be read, or none of several reference views has any ground-truth depth.
 pub fn draw(
     dataset: &Dataset,
-    options: &SampleOptions,
+    (options, plane_step): (&SampleOptions, f64),
     seed: u64,
     number: u64,
 ) -> Result<Sample, TrainError> {
@@ -145,7 +145,7 @@ pub fn draw(
         misplace(&mut photo.camera.intrinsics, noise, &mut rng);
         photos.push(photo);
     }
-    let planes = planes(&depth, &photos, options, &scene.views[reference], &mut rng)?;
+    let planes = planes(&depth, &photos, (options, plane_step), &scene.views[reference], &mut rng)?;
     let ground_truth = ground_truth(scene, reference, depth, &sources, &cut)?;
     let phase = [rng.random(), rng.random()];
     Ok(Sample { photos, planes, ground_truth, phase, true_visibility: options.true_visibility })
@@ -342,7 +342,7 @@ fn misplace(intrinsics: &mut Intrinsics, deviation: f64, rng: &mut impl Rng) {
 fn planes(
     depth: &Grid<f32>,
     photos: &[Photo],
-    options: &SampleOptions,
+    (options, plane_step): (&SampleOptions, f64),
     view: &TrainingView,
     rng: &mut impl Rng,
 ) -> Result<Planes, TrainError> {
@@ -351,7 +351,8 @@ fn planes(
     let [near, far] = [range.near * jitter(-1.0, 0.1), range.far * jitter(-0.1, 1.0)];
     let range = DepthRange::try_new(near, far).unwrap_or(range);
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
-    let planes_for_views = Planes::for_views(range, cameras[0], &cameras[1..], options.max_planes);
+    let planes_for_views =
+        Planes::for_views(range, cameras[0], &cameras[1..], (plane_step, options.max_planes));
     let count = (planes_for_views.count as f64 * rng.random_range(0.7..=1.3)) as usize;
     let count = count.next_multiple_of(8).clamp(8, options.max_planes);
     let spacing = match (planes_for_views.spacing, rng.random_bool(OTHER_SPACING)) {
@@ -411,7 +412,11 @@ fn ground_truth(
 ///
 /// # Errors
 /// As [`draw`].
-pub fn whole(scene: &TrainingScene, reference: usize, options: &Validation) -> Result<Sample, TrainError> {
+pub fn whole(
+    scene: &TrainingScene,
+    reference: usize,
+    (options, plane_step): (&Validation, f64),
+) -> Result<Sample, TrainError> {
     const WIDER: f64 = 1.1;
     let view = &scene.views[reference];
     let sources: Vec<usize> =
@@ -432,7 +437,7 @@ pub fn whole(scene: &TrainingScene, reference: usize, options: &Validation) -> R
     let range = true_range(&depth, view)?;
     let range = DepthRange { near: range.near / WIDER, far: range.far * WIDER };
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
-    let planes = Planes::for_views(range, cameras[0], &cameras[1..], options.max_planes);
+    let planes = Planes::for_views(range, cameras[0], &cameras[1..], (plane_step, options.max_planes));
     let ground_truth = ground_truth(scene, reference, depth, &sources, &cut(view))?;
     let true_visibility = options.true_visibility;
     Ok(Sample { photos, planes, ground_truth, phase: [0.0; 2], true_visibility })

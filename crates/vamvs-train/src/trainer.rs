@@ -110,7 +110,8 @@ impl<'a> Run<'a> {
     fn go(&mut self) -> Result<(), TrainError> {
         let TrainOptions { steps, batch, seed, ref sample, .. } = self.job.options;
         let first = (self.state.step * batch) as u64;
-        let loader = Loader::new(Arc::new(self.job.training.clone()), sample.clone(), seed, first);
+        let sample = (sample.clone(), self.estimator.network().manifest().plane_step);
+        let loader = Loader::new(Arc::new(self.job.training.clone()), sample, seed, first);
         let mut saved = Instant::now();
         while self.state.step < steps {
             let record = self.step(&loader)?;

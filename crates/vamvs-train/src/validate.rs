@@ -103,7 +103,8 @@ pub fn validate(
     let mut scores = Scores::default();
     for index in 0..count {
         let (scene, view) = references[index * references.len() / count];
-        let sample = whole(&dataset.scenes[scene], view, options)?;
+        let sample =
+            whole(&dataset.scenes[scene], view, (options, estimator.network().manifest().plane_step))?;
         let maps = tch::no_grad(|| stages(estimator, &sample))?;
         scores.stages.resize(maps.len(), StageScores::default());
         let scales = maps.iter().map(|map| scale_of(&sample, map)).collect::<Vec<_>>();

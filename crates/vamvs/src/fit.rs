@@ -79,7 +79,7 @@ pub(crate) fn fit_to_memory(
     (estimator, memory): (&mut Estimator, NetworkMemory),
     on_event: &mut OnEvent<'_>,
 ) -> Result<(Photographs, Plan), VamvsError> {
-    let plan = crate::plan(scene, photographs, options)?;
+    let plan = crate::plan(scene, photographs, options, plane_step(estimator))?;
     let needed = most_bytes(&plan, estimator);
     if needed <= memory.free() {
         return Ok((photographs.clone(), plan));
@@ -112,9 +112,13 @@ fn reduced(
             break;
         }
         photographs = photographs.reduced_to(size);
-        plan = crate::plan(scene, &photographs, options)?;
+        plan = crate::plan(scene, &photographs, options, plane_step(estimator))?;
     }
     Ok((photographs, plan))
+}
+
+fn plane_step(estimator: &Estimator) -> f64 {
+    estimator.network().manifest().plane_step
 }
 
 /// The longest side of all photographs, pixels.

@@ -43,17 +43,23 @@ pub struct Plan {
     pub neighbours: Vec<Vec<Source>>,
 }
 
-/// Chooses source views, depth ranges and planes.
+/// Chooses source views, depth ranges and planes. Neighbouring planes are about `plane_step` pixels apart
+/// in the source views, unless the options give their number.
 ///
 /// # Errors
 /// If an option is invalid, or no view has another one that sees the same surfaces.
-pub fn plan(scene: &Scene, photographs: &Photographs, options: &DepthOptions) -> Result<Plan, VamvsError> {
+pub fn plan(
+    scene: &Scene,
+    photographs: &Photographs,
+    options: &DepthOptions,
+    plane_step: f64,
+) -> Result<Plan, VamvsError> {
     check(options)?;
     let cameras = working_cameras(photographs, scene);
     let mut selected = view_selection::select(scene, &cameras, NEIGHBOURS.max(options.views - 1));
     let is_large = |source: &Source| shorter_side(&cameras[source.view]) >= SHORTEST_SIDE;
     selected.iter_mut().for_each(|sources| sources.retain(is_large));
-    let planner = Planner { scene, seen: SeenPoints::of(scene), cameras: &cameras, options };
+    let planner = Planner { scene, seen: SeenPoints::of(scene), cameras: &cameras, options, plane_step };
     let views: Vec<_> =
         selected.iter().enumerate().map(|(view, sources)| planner.view(view, sources)).collect();
     if let Some(reason) = nothing_to_do(scene, &views) {
@@ -115,6 +121,7 @@ struct Planner<'a> {
     seen: SeenPoints,
     cameras: &'a [Pinhole],
     options: &'a DepthOptions,
+    plane_step: f64,
 }
 
 impl Planner<'_> {
@@ -134,7 +141,8 @@ impl Planner<'_> {
         let pose = |view: usize| &self.scene.views[view].cam_from_world;
         let others: Vec<_> = sources.iter().map(|&source| (&self.cameras[source], pose(source))).collect();
         let reference = (&self.cameras[view], pose(view));
-        let mut planes = Planes::for_views(range, reference, &others, self.options.max_planes);
+        let mut planes =
+            Planes::for_views(range, reference, &others, (self.plane_step, self.options.max_planes));
         planes.count = self.options.planes.unwrap_or(planes.count);
         planes.spacing = self.options.spacing.unwrap_or(planes.spacing);
         Ok(ViewPlan { sources, planes, origin, region, foveated: self.options.fovea })

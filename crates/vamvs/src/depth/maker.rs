@@ -26,7 +26,7 @@ const END_SHARE: f64 = 0.01;
 const MANY_AT_END: f64 = 0.25;
 
 /// Number of views whose features are kept in addition to those of one depth map.
-const BESIDE: usize = 3;
+const BESIDE: usize = 2;
 
 /// Makes depth maps; keeps what the next ones need too, as far as memory allows.
 pub(super) struct Maker<'a> {
