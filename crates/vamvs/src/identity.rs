@@ -3,11 +3,12 @@
 use std::sync::OnceLock;
 
 use rayon::prelude::*;
-use vamvs_core::{Scene, View};
+use vamvs_core::Scene;
 use vamvs_net::EstimatorOptions;
 use vamvs_refine::RefineOptions;
 
-use crate::{Photographs, Prepared, ViewPlan};
+use crate::output::PhotographRecord;
+use crate::{OutputFolder, Photographs, Prepared, ViewPlan};
 
 /// Increased whenever a change gives other depth maps for the same inputs.
 const PIPELINE_VERSION: u32 = 6;
@@ -16,14 +17,17 @@ const PIPELINE_VERSION: u32 = 6;
 pub struct Identity<'a> {
     common: String,
     scene: &'a Scene,
-    /// For each view, the hash of its photograph, mask, camera and pose, once it was needed.
+    /// For each view, the hash of its photograph and mask, once it was needed.
     views: Vec<OnceLock<blake3::Hash>>,
+    /// Folders whose records may know these hashes, and the views' names there.
+    folders: [OutputFolder; 2],
+    names: Vec<String>,
 }
 
 impl<'a> Identity<'a> {
     /// Hashes the module and the options of the estimator. Each photograph is hashed once, when a
-    /// depth map first needs it.
-    pub fn new(work: &'a Prepared) -> Self {
+    /// depth map first needs it, and not at all if a record in `folders` has its hash and the file has not changed since.
+    pub fn new(work: &'a Prepared, folders: [OutputFolder; 2], names: Vec<String>) -> Self {
         let Prepared { scene, estimator, module, .. } = work;
         // Slabs and strips limit the memory and do not change the result.
         let coarse_stride = estimator.network().manifest().coarse_stride;
@@ -31,7 +35,7 @@ impl<'a> Identity<'a> {
             estimator.options();
         let common =
             format!("{PIPELINE_VERSION} {module} {coarse_stride} {iterations:?} {completion:?} {guide:?}");
-        Self { common, scene, views: vec![OnceLock::new(); scene.views.len()] }
+        Self { common, scene, views: vec![OnceLock::new(); scene.views.len()], folders, names }
     }
 
     /// The hash of the inputs of all depth maps, without the contents of the photographs.
@@ -66,21 +70,38 @@ impl<'a> Identity<'a> {
         hasher.update(format!("{:?} {:?} {}", plan.planes, plan.region, plan.foveated).as_bytes());
         let views: Vec<usize> = std::iter::once(view).chain(plan.sources.iter().copied()).collect();
         let hashes: Vec<blake3::Hash> = views.par_iter().map(|&view| self.hash(view, photographs)).collect();
-        for hash in hashes {
+        for (&view, hash) in views.iter().zip(hashes) {
+            let view = &self.scene.views[view];
+            hasher.update(format!("{:?} {:?}", view.camera, view.cam_from_world).as_bytes());
             hasher.update(hash.as_bytes());
         }
         hasher.finalize().to_hex().to_string()
     }
 
+    /// What records say of the photograph of a view; `None` if it is not a file.
+    pub fn photograph(&self, view: usize, photographs: &Photographs) -> Option<PhotographRecord> {
+        let stamp = photographs.stamp(&self.scene.views[view])?;
+        Some(PhotographRecord { stamp, hash: self.hash(view, photographs).to_hex().to_string() })
+    }
+
     /// A photograph that cannot be read has a hash too: its view is left out later.
     fn hash(&self, view: usize, photographs: &Photographs) -> blake3::Hash {
-        *self.views[view].get_or_init(|| hash_view(&self.scene.views[view], photographs))
+        *self.views[view].get_or_init(|| {
+            let scene_view = &self.scene.views[view];
+            self.recorded(view, photographs.stamp(scene_view)).unwrap_or_else(|| {
+                let mut hasher = blake3::Hasher::new();
+                photographs.hash(scene_view, &mut hasher);
+                hasher.finalize()
+            })
+        })
     }
-}
 
-fn hash_view(view: &View, photographs: &Photographs) -> blake3::Hash {
-    let mut hasher = blake3::Hasher::new();
-    hasher.update(format!("{:?} {:?}", view.camera, view.cam_from_world).as_bytes());
-    photographs.hash(view, &mut hasher);
-    hasher.finalize()
+    /// The hash in a record of a view, if its photograph has this stamp.
+    fn recorded(&self, view: usize, stamp: Option<String>) -> Option<blake3::Hash> {
+        let stamp = stamp?;
+        self.folders.iter().find_map(|folder| {
+            let photograph = folder.saved(&self.names[view])?.photograph?;
+            (photograph.stamp == stamp).then(|| photograph.hash.parse().ok()).flatten()
+        })
+    }
 }

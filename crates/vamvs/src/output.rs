@@ -38,6 +38,19 @@ pub struct Record {
     /// What the values of its confidence map are.
     #[serde(default)]
     pub confidence: ConfidenceKind,
+    /// The photograph and mask of the view itself; `None` if they were not files or are unknown.
+    #[serde(default)]
+    pub photograph: Option<PhotographRecord>,
+}
+
+/// The content of a photograph and its mask.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PhotographRecord {
+    /// The sizes and times of last change of the files. As long as they are the same, the content is taken to be the same
+    /// too and is not read to be compared.
+    pub stamp: String,
+    /// The hash of the content, 64 hexadecimal digits.
+    pub hash: String,
 }
 
 /// What the values of a confidence map are.

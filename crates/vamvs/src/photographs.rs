@@ -161,6 +161,23 @@ impl Photographs {
         }
     }
 
+    /// The sizes and times of last change of a view's photograph and mask; `None` if they are not files or cannot be
+    /// found.
+    #[cfg(feature = "net")]
+    pub(crate) fn stamp(&self, view: &View) -> Option<String> {
+        let Origin::Files { images, masks } = &self.origin else { return None };
+        let stamp = |file: PathBuf| {
+            let about = std::fs::metadata(&file).ok()?;
+            let changed = about.modified().ok()?.duration_since(std::time::UNIX_EPOCH).ok()?;
+            Some(format!("{} bytes, changed {} ns after 1970", about.len(), changed.as_nanos()))
+        };
+        let photograph = stamp(images.join(&view.name))?;
+        Some(match masks.find(&view.name) {
+            Some(mask) => format!("{photograph}; mask: {}", stamp(mask)?),
+            None => photograph,
+        })
+    }
+
     /// The undistorted camera at working size.
     #[must_use]
     pub fn working_camera(&self, camera: &Camera) -> Pinhole {

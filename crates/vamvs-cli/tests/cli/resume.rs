@@ -1,7 +1,8 @@
 //! Killed at any moment and started again: the run goes on and ends as if nothing had happened.
 
+use std::fs::File;
 use std::process::Stdio;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use crate::scene::{Scene, content, expect_success, stderr, truncate};
 
@@ -56,6 +57,33 @@ fn a_second_run_keeps_what_is_there_and_other_settings_or_photographs_redo_it() 
     assert!(summary(&["--planes", "24", "--views", "2"]).starts_with("3 depth maps made, 0 were there"));
     vamvs::io::image::save_png_rgb(&image, &scene.views[2].photo.image).unwrap();
     assert!(!summary(&["--planes", "24", "--views", "2"]).starts_with("0 depth maps made"));
+}
+
+#[test]
+fn photographs_are_read_again_only_if_their_size_or_time_has_changed() {
+    let scene = Scene::new(128, 96, 4);
+    let made_again = |arguments: &[&str]| {
+        let output = scene.run("depth", arguments);
+        expect_success(&output);
+        !stderr(&output).contains("0 depth maps made, 4 were there")
+    };
+    for arguments in [["--quality", "normal"].as_slice(), &["--no-refine"]] {
+        made_again(arguments);
+        let path = scene.path("images/0002.png");
+        let (whole, changed) =
+            (std::fs::read(&path).unwrap(), std::fs::metadata(&path).unwrap().modified().unwrap());
+        let mut damaged = whole.clone();
+        damaged[whole.len() / 2] ^= 1;
+        let write = |bytes: &[u8], time: SystemTime| {
+            std::fs::write(&path, bytes).unwrap();
+            File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
+        };
+        write(&damaged, changed);
+        assert!(!made_again(arguments), "the photograph was read");
+        write(&damaged, changed + Duration::from_secs(1));
+        assert!(made_again(arguments), "the photograph was not read");
+        write(&whole, changed);
+    }
 }
 
 #[test]

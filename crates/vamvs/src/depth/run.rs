@@ -43,14 +43,15 @@ pub(super) fn first_folder(job: &DepthJob<'_>) -> OutputFolder {
 
 impl<'a> Run<'a> {
     pub fn new(job: &DepthJob<'a>) -> Self {
+        let (names, first) = (names(&job.work.scene.views), first_folder(job));
         Self {
             maker: Maker::new(job.work),
             work: job.work,
             output: job.output,
             force: job.force,
-            names: names(&job.work.scene.views),
-            identity: Identity::new(job.work),
-            first: first_folder(job),
+            identity: Identity::new(job.work, [job.output.clone(), first.clone()], names.clone()),
+            names,
+            first,
             done: BTreeSet::new(),
             left_out: BTreeSet::new(),
             summary: DepthSummary::default(),
@@ -194,6 +195,7 @@ impl<'a> Run<'a> {
                 Some(map) => ConfidenceKind::Calibrated(map.clone()),
                 None => ConfidenceKind::Probability,
             },
+            photograph: self.identity.photograph(view, &photographs),
         }
     }
 

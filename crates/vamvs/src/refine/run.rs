@@ -224,6 +224,7 @@ impl<'a> Run<'a> {
             planes: self.job.maps.record(map).and_then(|record| record.planes),
             sources: self.sources[map].iter().map(|&source| names[source].clone()).collect(),
             confidence: ConfidenceKind::Refined,
+            photograph: None,
         })
     }
 
