@@ -122,6 +122,8 @@ impl<'a> Round<'a> {
     fn run(&mut self, more: &[String], signals: &[process::Timed]) -> Result<Ended> {
         let arguments = [self.case.arguments(&self.scene.arguments, &self.out), more.to_vec()].concat();
         let ended = self.program.run(&arguments, self.out.parent().context("a folder")?, signals)?;
+        // A run that is refused makes no folder.
+        fs::create_dir_all(&self.out)?;
         self.check_ended(&ended);
         Ok(ended)
     }

@@ -57,7 +57,7 @@ const SLABS_OF_WHOLE: usize = 2;
 const VOLUMES: usize = 4;
 
 /// As `VOLUMES`, for a volume of correlations, which has fewer channels than the layers.
-const CORRELATIONS: usize = 4;
+const CORRELATIONS: usize = 7;
 
 /// Memory of regularising slab by slab, in outputs of the first layers.
 const LAYERS: usize = 11;
