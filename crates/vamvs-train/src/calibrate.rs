@@ -1,7 +1,6 @@
 //! Calibration: maps a network's confidence to the fraction of inliers among pixels of that confidence.
 
-use vamvs_core::DepthMap;
-use vamvs_core::MonotoneMap;
+use vamvs_core::{DepthMap, MonotoneMap};
 use vamvs_eval::Reliability;
 use vamvs_eval::reliability::outcomes;
 use vamvs_net::{Estimator, Profile};

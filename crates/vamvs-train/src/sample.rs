@@ -122,7 +122,8 @@ pub fn centres(side: usize, scale: usize) -> Vec<f64> {
     (0..side / scale).map(|i| (i as f64 + 0.5) * scale as f64).collect()
 }
 
-/// Draws sample `number` of a run, for a network whose manifest has this `plane_step`. For a data set and options it depends only on the seed and the number.
+/// Draws sample `number` of a run, for a network whose manifest has this `plane_step`. For a data set and options it
+/// depends only on the seed and the number.
 ///
 /// # Errors
 /// If a file cannot be read, or none of several reference views has any ground-truth depth.

@@ -17,8 +17,8 @@ const PIPELINE_VERSION: u32 = 6;
 pub struct Identity<'a> {
     common: String,
     scene: &'a Scene,
-    /// For each view, the hash of its photograph and mask, once it was needed.
-    views: Vec<OnceLock<blake3::Hash>>,
+    /// For each view, the hash of its photograph and mask, and their stamp before they were read, once it was needed.
+    views: Vec<OnceLock<(blake3::Hash, Option<String>)>>,
     /// Folders whose records may know these hashes, and the views' names there.
     folders: [OutputFolder; 2],
     names: Vec<String>,
@@ -69,7 +69,8 @@ impl<'a> Identity<'a> {
         }
         hasher.update(format!("{:?} {:?} {}", plan.planes, plan.region, plan.foveated).as_bytes());
         let views: Vec<usize> = std::iter::once(view).chain(plan.sources.iter().copied()).collect();
-        let hashes: Vec<blake3::Hash> = views.par_iter().map(|&view| self.hash(view, photographs)).collect();
+        let hashes: Vec<blake3::Hash> =
+            views.par_iter().map(|&view| self.content(view, photographs).0).collect();
         for (&view, hash) in views.iter().zip(hashes) {
             let view = &self.scene.views[view];
             hasher.update(format!("{:?} {:?}", view.camera, view.cam_from_world).as_bytes());
@@ -80,25 +81,27 @@ impl<'a> Identity<'a> {
 
     /// What records say of the photograph of a view; `None` if it is not a file.
     pub fn photograph(&self, view: usize, photographs: &Photographs) -> Option<PhotographRecord> {
-        let stamp = photographs.stamp(&self.scene.views[view])?;
-        Some(PhotographRecord { stamp, hash: self.hash(view, photographs).to_hex().to_string() })
+        let (hash, stamp) = self.content(view, photographs);
+        Some(PhotographRecord { stamp: stamp.clone()?, hash: hash.to_hex().to_string() })
     }
 
     /// A photograph that cannot be read has a hash too: its view is left out later.
-    fn hash(&self, view: usize, photographs: &Photographs) -> blake3::Hash {
-        *self.views[view].get_or_init(|| {
+    fn content(&self, view: usize, photographs: &Photographs) -> &(blake3::Hash, Option<String>) {
+        self.views[view].get_or_init(|| {
             let scene_view = &self.scene.views[view];
-            self.recorded(view, photographs.stamp(scene_view)).unwrap_or_else(|| {
+            let stamp = photographs.stamp(scene_view);
+            let recorded = stamp.as_ref().and_then(|stamp| self.recorded(view, stamp));
+            let hash = recorded.unwrap_or_else(|| {
                 let mut hasher = blake3::Hasher::new();
                 photographs.hash(scene_view, &mut hasher);
                 hasher.finalize()
-            })
+            });
+            (hash, stamp)
         })
     }
 
     /// The hash in a record of a view, if its photograph has this stamp.
-    fn recorded(&self, view: usize, stamp: Option<String>) -> Option<blake3::Hash> {
-        let stamp = stamp?;
+    fn recorded(&self, view: usize, stamp: &str) -> Option<blake3::Hash> {
         self.folders.iter().find_map(|folder| {
             let photograph = folder.saved(&self.names[view])?.photograph?;
             (photograph.stamp == stamp).then(|| photograph.hash.parse().ok()).flatten()
