@@ -4,7 +4,7 @@ use std::fs::File;
 use std::process::Stdio;
 use std::time::{Duration, Instant, SystemTime};
 
-use crate::scene::{Scene, content, expect_success, stderr, truncate};
+use crate::scene::{Scene, content, expect_success, stderr, truncate, write};
 
 #[test]
 fn a_killed_run_resumes_to_the_same_result() {
@@ -74,15 +74,15 @@ fn photographs_are_read_again_only_if_their_size_or_time_has_changed() {
             (std::fs::read(&path).unwrap(), std::fs::metadata(&path).unwrap().modified().unwrap());
         let mut damaged = whole.clone();
         damaged[whole.len() / 2] ^= 1;
-        let write = |bytes: &[u8], time: SystemTime| {
-            std::fs::write(&path, bytes).unwrap();
+        let put = |bytes: &[u8], time: SystemTime| {
+            write(&path, bytes);
             File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
         };
-        write(&damaged, changed);
+        put(&damaged, changed);
         assert!(!made_again(arguments), "the photograph was read");
-        write(&damaged, changed + Duration::from_secs(1));
+        put(&damaged, changed + Duration::from_secs(1));
         assert!(made_again(arguments), "the photograph was not read");
-        write(&whole, changed);
+        put(&whole, changed);
     }
 }
 
