@@ -81,7 +81,7 @@ impl Format {
 }
 
 fn read_png(path: &Path, step: f64) -> Result<Grid<f32>, IoError> {
-    let grey = match image::decode(path)?.0 {
+    let grey = match image::decode(path)? {
         DynamicImage::ImageLuma16(grey) => grey,
         other => {
             let problem = format!("expected 16-bit grey pixels of a depth map, found {:?}", other.color());

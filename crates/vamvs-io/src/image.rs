@@ -50,7 +50,7 @@ pub struct LoadedImage {
 /// If the file cannot be read, is truncated or corrupt, is none of JPEG, PNG, TIFF, BMP and WebP, or
 /// would decode to more than 1 GiB.
 pub fn load(path: &Path) -> Result<LoadedImage, IoError> {
-    Ok(convert(decode(path)?.0, false))
+    Ok(convert(decode(path)?, false))
 }
 
 /// The colours of an image as its pixels are stored.
@@ -67,11 +67,18 @@ pub fn load_rgb(path: &Path) -> Result<Grid<Rgb>, IoError> {
 /// image of another size with the same aspect ratio (within 1 %) keeps its size; the camera is resized, and
 /// a note says so.
 ///
+/// `longer_side` tells how many pixels of the longer side of an image of a size are needed. A JPEG that has at least
+/// twice as many is decoded at 1/2, 1/4 or 1/8 of its size where that divides both sides; the camera is that of the
+/// whole image all the same.
+///
 /// # Errors
 /// As [`load`], and if the image has neither the size nor the aspect ratio of the camera.
-pub fn load_for_camera(path: &Path, camera: &Camera) -> Result<(LoadedImage, Camera), IoError> {
-    let (mut image, orientation) = decode(path)?;
-    let stored = size_of(&image);
+pub fn load_for_camera(
+    path: &Path,
+    camera: &Camera,
+    longer_side: impl Fn(Size) -> usize,
+) -> Result<(LoadedImage, Camera), IoError> {
+    let Decoded { mut image, stored, orientation } = decode_at_least(path, longer_side)?;
     let Some(size) = fitting_size(stored, orientation, camera.size) else {
         let (path, expected) = (path.to_owned(), camera.size);
         return Err(IoError::SizeMismatch { path, image: stored, of: "camera", expected });
@@ -195,27 +202,51 @@ fn encode_png(out: impl Write, bytes: &[u8], size: Size, color: ExtendedColorTyp
 }
 
 /// Decodes a file by the format of its content; the extension is ignored.
-pub(crate) fn decode(path: &Path) -> Result<(DynamicImage, Orientation), IoError> {
+pub(crate) fn decode(path: &Path) -> Result<DynamicImage, IoError> {
+    Ok(decode_at_least(path, |_| usize::MAX)?.image)
+}
+
+/// Decodes a file; a JPEG at a reduced size if its longer side then still has as many pixels as `longer_side` asks of
+/// an image of its size.
+fn decode_at_least(path: &Path, longer_side: impl Fn(Size) -> usize) -> Result<Decoded, IoError> {
     let bytes = read_limited(path)?;
     let format = ::image::guess_format(&bytes).map_err(refused(path))?;
     if format == ImageFormat::Jpeg && !jpeg::is_complete(&bytes) {
         let problem = "expected an end-of-image marker, found the end of the file; the JPEG is truncated";
         return Err(IoError::malformed(path, Place::Byte(bytes.len() as u64), problem));
     }
-    let decoded = decode_bytes(bytes, format).map_err(refused(path))?;
-    require_pixels(path, size_of(&decoded.0))?;
+    let decoded = decode_bytes(&bytes, format, longer_side).map_err(refused(path))?;
+    require_pixels(path, decoded.stored)?;
     Ok(decoded)
 }
 
-fn decode_bytes(bytes: Vec<u8>, format: ImageFormat) -> ::image::ImageResult<(DynamicImage, Orientation)> {
+/// An image, perhaps at a reduced size, with what its file says of it.
+struct Decoded {
+    image: DynamicImage,
+    stored: Size,
+    orientation: Orientation,
+}
+
+fn decode_bytes(
+    bytes: &[u8],
+    format: ImageFormat,
+    longer_side: impl Fn(Size) -> usize,
+) -> ::image::ImageResult<Decoded> {
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(MAX_BYTES);
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     reader.limits(limits.clone());
     let mut decoder = reader.into_decoder()?;
     limits.reserve(decoder.total_bytes())?;
+    let (width, height) = decoder.dimensions();
+    let stored = Size::new(width as usize, height as usize);
     let orientation = decoder.orientation()?;
-    Ok((DynamicImage::from_decoder(decoder)?, orientation))
+    let reduced = (format == ImageFormat::Jpeg).then(|| jpeg::reduced(bytes, stored, longer_side(stored)));
+    let image = match reduced.flatten() {
+        Some(image) => image,
+        None => DynamicImage::from_decoder(decoder)?,
+    };
+    Ok(Decoded { image, stored, orientation })
 }
 
 fn read_limited(path: &Path) -> Result<Vec<u8>, IoError> {

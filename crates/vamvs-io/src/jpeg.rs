@@ -1,11 +1,14 @@
-//! Reads the marker structure of JPEG files: their size, without decoding, and whether they are complete.
+//! Reads the marker structure of JPEG files: their size, without decoding, and whether they are complete; decodes them
+//! at a reduced size.
 //!
-//! The check is needed because the decoder fills the missing part of a truncated file with grey and reports
+//! The check of completeness is needed because the decoder fills the missing part of a truncated file with grey and reports
 //! no error; a depth map of such an image would be wrong. Damage within the pixels of a complete file cannot
 //! be detected: the format has no checksum, and almost any bits decode to some image.
 
 use std::io::{self, BufRead, Cursor, Read, Seek, SeekFrom};
 
+use ::image::{DynamicImage, GrayImage, RgbImage};
+use jpeg_decoder::{Decoder, PixelFormat};
 use vamvs_core::Size;
 
 const START_OF_IMAGE: u8 = 0xD8;
@@ -42,6 +45,31 @@ pub(crate) fn is_complete(bytes: &[u8]) -> bool {
         Ok(())
     };
     walk(&mut file).is_ok()
+}
+
+/// The image at 1/2, 1/4 or 1/8 of its size `stored`: the smallest that divides both sides and keeps at least
+/// `longer_side` pixels of the longer one. `None` if there is none, or if the file is not 8-bit grey or colour of
+/// three channels, which is for the decoder of whole images.
+///
+/// Each 8 × 8 block of the format is transformed to fewer pixels, from its low frequencies alone.
+pub(crate) fn reduced(bytes: &[u8], stored: Size, longer_side: usize) -> Option<DynamicImage> {
+    let fits = |reduction: &usize| {
+        let divides = stored.width.is_multiple_of(*reduction) && stored.height.is_multiple_of(*reduction);
+        divides && stored.width.max(stored.height) / reduction >= longer_side
+    };
+    let reduction = [8, 4, 2].into_iter().find(fits)?;
+    let [width, height] = [stored.width, stored.height].map(|side| (side / reduction) as u32);
+    let mut decoder = Decoder::new(bytes);
+    let found = decoder.scale(width as u16, height as u16).ok()?;
+    if found != (width as u16, height as u16) {
+        return None;
+    }
+    let pixels = decoder.decode().ok()?;
+    match decoder.info()?.pixel_format {
+        PixelFormat::L8 => GrayImage::from_raw(width, height, pixels).map(DynamicImage::from),
+        PixelFormat::RGB24 => RgbImage::from_raw(width, height, pixels).map(DynamicImage::from),
+        PixelFormat::L16 | PixelFormat::CMYK32 => None,
+    }
 }
 
 /// The next marker, skipping entropy-coded data with its stuffed zeros and restart markers.

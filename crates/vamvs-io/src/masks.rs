@@ -59,7 +59,7 @@ pub fn find(folder: &Path, name: &str) -> Option<PathBuf> {
 /// # Errors
 /// If the file cannot be decoded or has another aspect ratio.
 pub fn load(path: &Path, size: Size) -> Result<Grid<bool>, IoError> {
-    let image = image::decode(path)?.0;
+    let image = image::decode(path)?;
     let found = image::size_of(&image);
     if !image::aspect_agrees(found, size) {
         return Err(IoError::SizeMismatch {

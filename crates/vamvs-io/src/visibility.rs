@@ -45,7 +45,7 @@ pub fn write(path: &Path, tiles: &[Grid<Visibility>]) -> Result<(), IoError> {
 }
 
 fn decode_grey(path: &Path) -> Result<Grid<u8>, IoError> {
-    match image::decode(path)?.0 {
+    match image::decode(path)? {
         DynamicImage::ImageLuma8(grey) => {
             let size = Size::new(grey.width() as usize, grey.height() as usize);
             Ok(Grid::from_vec(size, grey.into_raw()))

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use ::image::codecs::jpeg::JpegEncoder;
 use ::image::codecs::png::PngEncoder;
-use ::image::{DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat};
+use ::image::{DynamicImage, ExtendedColorType, GenericImageView, ImageEncoder, ImageFormat};
 use proptest::prelude::*;
 use tempfile::tempdir;
 use vamvs_core::{Camera, Grid, Intrinsics, Lens, Rgb, Size};
@@ -49,6 +49,11 @@ fn oriented_png(orientation: u8) -> Vec<u8> {
 
 fn stored_pixels() -> Grid<Rgb> {
     Grid::from_fn(Size::new(4, 2), |x, y| [x as u8, y as u8, 7])
+}
+
+/// No image is reduced.
+fn every_pixel(_: Size) -> usize {
+    usize::MAX
 }
 
 fn camera(width: usize, height: usize) -> Camera {
@@ -128,13 +133,13 @@ fn orientation_is_applied_only_where_the_camera_asks_for_it() {
         ((4, 8), &rotated, true, true),
     ] {
         let given = camera(camera_size.0, camera_size.1);
-        let (loaded, camera) = image::load_for_camera(&path, &given).unwrap();
+        let (loaded, camera) = image::load_for_camera(&path, &given, every_pixel).unwrap();
         assert_eq!(&loaded.rgb, expected, "{camera_size:?}");
         assert_eq!((loaded.exif_rotated, loaded.note.is_some()), (turned, resized), "{camera_size:?}");
         assert_eq!(camera, given.resized(expected.size()));
     }
     let upside_down = save(folder.path(), "3.png", &oriented_png(3));
-    let (loaded, _) = image::load_for_camera(&upside_down, &camera(4, 2)).unwrap();
+    let (loaded, _) = image::load_for_camera(&upside_down, &camera(4, 2), every_pixel).unwrap();
     assert_eq!((loaded.rgb, loaded.exif_rotated), (stored, false));
 }
 
@@ -147,7 +152,50 @@ fn a_jpeg_with_orientation_is_turned_and_its_stored_size_is_not() {
     encoder.write_image(stored_pixels().data().as_flattened(), 4, 2, ExtendedColorType::Rgb8).unwrap();
     let path = save(folder.path(), "8.jpg", &bytes);
     assert_eq!(image::stored_size(&path).unwrap(), Size::new(4, 2));
-    assert!(image::load_for_camera(&path, &camera(2, 4)).unwrap().0.exif_rotated);
+    assert!(image::load_for_camera(&path, &camera(2, 4), every_pixel).unwrap().0.exif_rotated);
+}
+
+/// Of a photograph of slow waves, the mean of each block of pixels; the camera stays that of the whole photograph.
+#[test]
+fn a_large_jpeg_is_decoded_at_a_reduced_size() {
+    let folder = tempdir().unwrap();
+    let wave = |x: u32, y: u32, length: f64| {
+        (128.0 + 50.0 * (f64::from(x) / length).sin() + 50.0 * (f64::from(y) / length).cos()) as u8
+    };
+    let photograph = ::image::RgbImage::from_fn(192, 96, |x, y| {
+        ::image::Rgb([wave(x, y, 20.0), wave(y, x, 31.0), wave(x + y, y, 25.0)])
+    });
+    let mut bytes = Vec::new();
+    JpegEncoder::new_with_quality(&mut bytes, 95).encode_image(&photograph).unwrap();
+    let path = save(folder.path(), "large.jpg", &bytes);
+    for (longer_side, reduction) in [(193, 1), (192, 1), (97, 1), (96, 2), (49, 2), (48, 4), (24, 8), (1, 8)] {
+        let (loaded, camera) = image::load_for_camera(&path, &camera(192, 96), |_| longer_side).unwrap();
+        assert_eq!((camera.size, loaded.note), (Size::new(192, 96), None));
+        assert_eq!(loaded.rgb.size(), Size::new(192 / reduction, 96 / reduction), "{longer_side}");
+        for y in 0..96 / reduction {
+            for x in 0..192 / reduction {
+                let block = photograph.view((x * reduction) as u32, (y * reduction) as u32, reduction as u32, reduction as u32);
+                for channel in 0..3 {
+                    let sum: f64 = block.pixels().map(|(_, _, pixel)| f64::from(pixel[channel])).sum();
+                    let mean = sum / (reduction * reduction) as f64;
+                    let found = f64::from(loaded.rgb[(x, y)][channel]);
+                    assert!((found - mean).abs() < 6.0, "1/{reduction} at {x}, {y}: {found} for {mean}");
+                }
+            }
+        }
+    }
+}
+
+/// Where no reduction divides both sides, or the decoder of reduced sizes does not know the pixels' format.
+#[test]
+fn a_jpeg_that_cannot_be_reduced_is_decoded_whole() {
+    let folder = tempdir().unwrap();
+    let odd = encode(::image::RgbImage::new(63, 48), ImageFormat::Jpeg);
+    for (bytes, width, height) in [(odd, 63, 48), (cmyk_jpeg([true; 4]), 8, 8)] {
+        let path = save(folder.path(), "photo.jpg", &bytes);
+        let (loaded, _) = image::load_for_camera(&path, &camera(width, height), |_| 1).unwrap();
+        assert_eq!(loaded.rgb.size(), Size::new(width, height));
+    }
 }
 
 #[test]
@@ -155,10 +203,10 @@ fn an_image_of_another_shape_than_its_camera_is_refused_with_both_sizes() {
     let folder = tempdir().unwrap();
     let path = save(folder.path(), "a.png", &oriented_png(1));
     for (width, height) in [(2, 4), (4, 3), (100, 52)] {
-        let error = image::load_for_camera(&path, &camera(width, height)).unwrap_err().to_string();
+        let error = image::load_for_camera(&path, &camera(width, height), every_pixel).unwrap_err().to_string();
         assert!(error.contains("4×2") && error.contains(&format!("{width}×{height}")), "{error}");
     }
-    assert!(image::load_for_camera(&path, &camera(201, 100)).is_ok());
+    assert!(image::load_for_camera(&path, &camera(201, 100), every_pixel).is_ok());
 }
 
 #[test]

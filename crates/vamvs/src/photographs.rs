@@ -191,7 +191,10 @@ impl Photographs {
     /// # Errors
     /// If a file cannot be read or its size contradicts the camera's.
     pub fn load(&self, view: &View) -> Result<(Photo, Option<String>), VamvsError> {
-        let Taken { picture: Picture { image, mask }, camera, note } = self.origin.taken(view)?;
+        // An undistorted photograph is sampled at twice the size first.
+        let samples = if view.camera.lens.distorts() { 2 } else { 1 };
+        let longer_side = |size: Size| samples * longer_side(self.working_size(size));
+        let Taken { picture: Picture { image, mask }, camera, note } = self.origin.taken(view, longer_side)?;
         let undistortion = Undistortion::new(&camera);
         let size = self.working_size(camera.size);
         let mask = undistortion.resized(camera.size, size).mask(mask.as_ref());
@@ -207,18 +210,19 @@ impl Photographs {
     }
 
     fn working_size(&self, size: Size) -> Size {
-        let longer = size.width.max(size.height) as f64;
-        let ratio = self.enlarge.min(self.max_size as f64 / longer);
+        let ratio = self.enlarge.min(self.max_size as f64 / longer_side(size) as f64);
         let side = |side: usize| (side as f64 * ratio).round().max(1.0) as usize;
         Size::new(side(size.width), side(size.height))
     }
 }
 
 impl Origin {
-    fn taken(&self, view: &View) -> Result<Taken, VamvsError> {
+    /// The picture of a view, of which as many pixels of the longer side are needed as `longer_side` says for a size.
+    fn taken(&self, view: &View, longer_side: impl Fn(Size) -> usize) -> Result<Taken, VamvsError> {
         match self {
             Self::Files { images, masks } => {
-                let (loaded, camera) = image::load_for_camera(&images.join(&view.name), &view.camera)?;
+                let (loaded, camera) =
+                    image::load_for_camera(&images.join(&view.name), &view.camera, longer_side)?;
                 let mask = masks.find(&view.name).map(|path| masks::load(&path, camera.size)).transpose()?;
                 let picture = Picture { image: loaded.rgb, mask: both(mask, loaded.alpha_mask) };
                 Ok(Taken { picture, camera, note: loaded.note })
@@ -256,6 +260,10 @@ pub(crate) fn hash_file(path: &Path, hasher: &mut blake3::Hasher) {
     if let Err(error) = read {
         hasher.update(error.to_string().as_bytes());
     }
+}
+
+fn longer_side(size: Size) -> usize {
+    size.width.max(size.height)
 }
 
 /// The working cameras of all views of a scene.

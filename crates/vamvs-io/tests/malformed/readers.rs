@@ -4,6 +4,7 @@
 
 use std::path::Path;
 
+use vamvs_core::{Camera, Intrinsics, Lens};
 use vamvs_io::image;
 
 /// Bytes of memory that any reader may take, for buffers and lists of files.
@@ -37,6 +38,7 @@ macro_rules! with_readers {
             ply_with_lists: fixture::ply_with_lists, BASE, |f| ply::read(&f.join("cloud.ply")).is_ok();
             ply_ascii: fixture::ply_ascii, BASE, |f| ply::read(&f.join("cloud.ply")).is_ok();
             jpeg: fixture::jpeg, PICTURE, |f| readers::read_picture(&f.join("a.jpeg"));
+            jpeg_reduced: fixture::jpeg, PICTURE, |f| readers::read_reduced(&f.join("a.jpeg"));
             png: fixture::png, PICTURE, |f| readers::read_picture(&f.join("a.png"));
             tiff: fixture::tiff, PICTURE, |f| readers::read_picture(&f.join("a.tiff"));
             bmp: fixture::bmp, PICTURE, |f| readers::read_picture(&f.join("a.bmp"));
@@ -53,6 +55,14 @@ macro_rules! with_readers {
             };
         }
     };
+}
+
+/// Whether an image can be decoded at the smallest size there is, and its camera keeps the size in the header.
+pub fn read_reduced(path: &Path) -> bool {
+    let Ok(size) = image::stored_size(path) else { return false };
+    let intrinsics = Intrinsics { fx: 9.0, fy: 9.0, cx: 4.0, cy: 3.0 };
+    let camera = Camera { size, intrinsics, lens: Lens::None };
+    image::load_for_camera(path, &camera, |_| 1).is_ok_and(|(_, camera)| camera.size == size)
 }
 
 /// Whether an image can be decoded and has the size in its header.
