@@ -9,14 +9,18 @@ use vamvs_core::{Planes, Size, Spacing};
 use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile, tch};
 use vamvs_tests::{fixtures, folder};
 
+/// The allocator of the command.
+#[global_allocator]
+static MIMALLOC: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Views of a depth map, the reference view included.
 const VIEWS: usize = 3;
 /// Planes of the sweep.
 const PLANES: usize = 64;
 
-/// Accepted ratios of the predicted to the measured peak. The measured peak varies by a tenth from run to run. Small
+/// Accepted ratios of the predicted to the measured peak, which varies by a twentieth from run to run. Small
 /// maps are the hardest to predict, since most of their memory is not in tensors.
-const LIKELY: std::ops::Range<f64> = 0.7..1.6;
+const LIKELY: std::ops::Range<f64> = 0.9..1.3;
 
 /// Environment variable that tells the child process what to measure: `NETWORK COARSE_STRIDE WIDTHxHEIGHT`.
 const ASKED: &str = "VAMVS_TEST_PEAK";

@@ -2,8 +2,6 @@
 
 mod arguments;
 mod command;
-#[cfg(feature = "net")]
-mod heap;
 mod interrupt;
 mod progress;
 mod settings;

@@ -47,7 +47,7 @@ const ENCODING: usize = 128;
 const PHOTOGRAPHS: usize = (16 + 4 + 1) * size_of::<Rgb>();
 
 /// Memory of the sweep apart from the volume, in slabs: warped features and the layers that relate them.
-const SLABS: usize = 5;
+const SLABS: usize = 4;
 
 /// As `SLABS`, for a network that regularises the volume as a whole: it has few channels and relates them in one step.
 const SLABS_OF_WHOLE: usize = 2;
@@ -60,7 +60,7 @@ const VOLUMES: usize = 4;
 const CORRELATIONS: usize = 7;
 
 /// Memory of regularising slab by slab, in outputs of the first layers.
-const LAYERS: usize = 11;
+const LAYERS: usize = 10;
 
 /// The fewest planes that wait for the first layers, and the number of copies of them.
 const WAITING_PLANES: usize = 10;

@@ -9,13 +9,11 @@ use vamvs_picture::{Chart, Curve, Page};
 use vamvs_train::{Calibration, Dataset, Validation, calibrate, write_module};
 
 use crate::arguments::CalibrateArguments;
-use crate::heap::KeptBlocks;
 use crate::settings::Settings;
 
 /// Runs the command.
 pub fn run(arguments: &CalibrateArguments) -> Result<()> {
     Settings { threads: arguments.threads, ..Settings::default() }.use_threads()?;
-    let _blocks = KeptBlocks::begin();
     ensure!(arguments.views >= 2, "--views must be 2 at least, got {}", arguments.views);
     let dataset = Dataset::open(&arguments.data)?;
     let network = Network::load(&arguments.weights, open_device(&arguments.device)?)?;

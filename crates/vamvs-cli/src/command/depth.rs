@@ -10,7 +10,6 @@ use vamvs::net::{EstimatorOptions, Stage};
 use vamvs::{DepthSummary, OutputFolder, Plan, Prepared, ViewPlan};
 
 use crate::arguments::{DepthArguments, DepthCommand, DepthStepFlags, DepthTask};
-use crate::heap::KeptBlocks;
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::timing::Timing;
@@ -83,7 +82,6 @@ fn with_job(
     run: impl FnOnce(&DepthJob<'_>) -> Result<DepthSummary>,
 ) -> Result<DepthSummary> {
     settings.use_threads()?;
-    let _blocks = KeptBlocks::begin();
     let out = OutputFolder::new(&arguments.out());
     let work = prepared(settings, &out, progress)?;
     let summary = run(&DepthJob { work: &work, output: &out, force: arguments.force })?;

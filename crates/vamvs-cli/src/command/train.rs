@@ -8,14 +8,12 @@ use vamvs::net::{Network, open_device};
 use vamvs_train::{Dataset, TrainEvent, TrainJob, TrainOptions, Validation, train};
 
 use crate::arguments::{SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
-use crate::heap::KeptBlocks;
 use crate::progress::Progress;
 use crate::settings::{Settings, set};
 
 /// Runs the command.
 pub fn run(arguments: &TrainArguments) -> Result<()> {
     Settings { threads: arguments.threads, ..Settings::default() }.use_threads()?;
-    let _blocks = KeptBlocks::begin();
     let minutes = arguments.watching.checkpoint_minutes;
     let pause = Duration::try_from_secs_f64(60.0 * minutes);
     ensure!(arguments.watching.validate_every > 0, "--validate-every must be 1 at least, got 0");

@@ -14,7 +14,6 @@ use vamvs_train::{Dataset, Scores, Validation, validate};
 use super::begin;
 use super::table::Table;
 use crate::arguments::EvalNetworkArguments;
-use crate::heap::KeptBlocks;
 
 /// The scores of a network with a number of views.
 #[derive(Serialize)]
@@ -29,7 +28,6 @@ struct Measured {
 /// Runs the command.
 pub fn run(arguments: &EvalNetworkArguments) -> Result<()> {
     begin(&arguments.general)?;
-    let _blocks = KeptBlocks::begin();
     for &views in &arguments.views {
         ensure!(views >= 2, "--views must be 2 at least (a reference and a source), got {views}");
     }
