@@ -359,26 +359,30 @@ fn photometric_reconstructs_a_tilted_plane() {
 #[test]
 fn a_region_gives_the_depth_of_the_whole_there() {
     let views = fixtures::tilted_plane(Size::new(320, 240), 3);
-    let estimator = estimator("weights/photometric");
     let planes = planes(&views[1], 48);
-    let encoded: Vec<_> =
-        tch::no_grad(|| views.iter().map(|view| estimator.network().encode(&view.photo).unwrap()).collect());
-    let sources = [&encoded[0], &encoded[2]];
-    let whole = estimator.estimate(&encoded[1], &sources, &planes, &mut Profile::default()).unwrap();
-    let region = vamvs_core::roi::PixelBox { x0: 83, y0: 50, x1: 240, y1: 199 };
-    let (part, place) = encoded[1].cropped(&region).unwrap();
-    assert_eq!((place.x0, place.y0, place.x1, place.y1), (80, 48, 240, 200));
-    let map = estimator.estimate(&part, &sources, &planes, &mut Profile::default()).unwrap();
-    assert_eq!(map.depth.size(), Size::new(80, 76));
-    let (mut same, mut count) = (0, 0);
-    for y in 8..68 {
-        for x in 8..72 {
-            let (a, b) = (map.depth[(x, y)], whole.depth[(x + 40, y + 24)]);
-            same += usize::from((a - b).abs() < 0.005 * b);
-            count += 1;
+    for (name, stride) in [("weights/photometric", 2), ("weights/vis-corr", 4)] {
+        let estimator = estimator(name);
+        let encode = |view: &Rendered| estimator.network().encode(&view.photo).unwrap();
+        let encoded: Vec<_> = tch::no_grad(|| views.iter().map(encode).collect());
+        let sources = [&encoded[0], &encoded[2]];
+        let estimate = |reference| {
+            estimator.estimate(reference, &sources, &planes, &mut Profile::default()).unwrap().depth
+        };
+        let whole = estimate(&encoded[1]);
+        let (part, place) = encoded[1].cropped(&PixelBox { x0: 83, y0: 50, x1: 240, y1: 199 }).unwrap();
+        assert_eq!((place.x0, place.y0, place.x1, place.y1), (80, 48, 240, 200));
+        let depth = estimate(&part);
+        assert_eq!(depth.size(), Size::new(160 / stride, 152 / stride), "{name}");
+        let (mut same, mut count) = (0, 0);
+        for y in 16 / stride..136 / stride {
+            for x in 16 / stride..144 / stride {
+                let (a, b) = (depth[(x, y)], whole[(x + 80 / stride, y + 48 / stride)]);
+                same += u32::from((a - b).abs() < 0.005 * b);
+                count += 1;
+            }
         }
+        assert!(f64::from(same) > 0.95 * f64::from(count), "{name}: {same} of {count}");
     }
-    assert!(same as f64 > 0.95 * f64::from(count), "{same} of {count}");
 }
 
 /// With a coarse stride of 4 the network enlarges the photograph internally. All sizes, regions and cameras that go in

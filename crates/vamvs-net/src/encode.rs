@@ -129,11 +129,10 @@ impl EncodedView {
         }
         let padded = Size::new(outer.x1 - outer.x0, outer.y1 - outer.y0);
         let part = |features: &Tensor, stride: usize| -> Result<Tensor, TchError> {
-            features.f_narrow(2, (outer.y0 / stride) as i64, (padded.height / stride) as i64)?.f_narrow(
-                3,
-                (outer.x0 / stride) as i64,
-                (padded.width / stride) as i64,
-            )
+            let [x, y, width, height] =
+                [outer.x0, outer.y0, padded.width, padded.height].map(|pixels| (pixels / stride) as i64);
+            let inside = features.f_narrow(2, y, height)?.f_narrow(3, x, width)?;
+            if native::is_channels_last(features)? { native::channels_last(&inside) } else { Ok(inside) }
         };
         let [half, quarter, eighth] = &self.flow;
         let camera = Pinhole {

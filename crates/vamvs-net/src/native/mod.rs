@@ -34,6 +34,11 @@ pub(crate) fn channels_last(features: &Tensor) -> Result<Tensor, TchError> {
     features.f_permute([0, 2, 3, 1])?.f_contiguous()?.f_permute([0, 3, 1, 2])
 }
 
+/// Whether the channels of a pixel of features (1, C, h, w) are contiguous in memory, as [`channels_last`] lays them out.
+pub(crate) fn is_channels_last(features: &Tensor) -> Result<bool, TchError> {
+    Ok(features.f_permute([0, 2, 3, 1])?.is_contiguous())
+}
+
 /// One level of features in memory, (h, w, C).
 #[derive(Clone, Copy)]
 pub(crate) struct Level<'a> {
