@@ -168,13 +168,19 @@ fn a_large_jpeg_is_decoded_at_a_reduced_size() {
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, 95).encode_image(&photograph).unwrap();
     let path = save(folder.path(), "large.jpg", &bytes);
-    for (longer_side, reduction) in [(193, 1), (192, 1), (97, 1), (96, 2), (49, 2), (48, 4), (24, 8), (1, 8)] {
+    for (longer_side, reduction) in [(193, 1), (192, 1), (97, 1), (96, 2), (49, 2), (48, 4), (24, 8), (1, 8)]
+    {
         let (loaded, camera) = image::load_for_camera(&path, &camera(192, 96), |_| longer_side).unwrap();
         assert_eq!((camera.size, loaded.note), (Size::new(192, 96), None));
         assert_eq!(loaded.rgb.size(), Size::new(192 / reduction, 96 / reduction), "{longer_side}");
         for y in 0..96 / reduction {
             for x in 0..192 / reduction {
-                let block = photograph.view((x * reduction) as u32, (y * reduction) as u32, reduction as u32, reduction as u32);
+                let block = photograph.view(
+                    (x * reduction) as u32,
+                    (y * reduction) as u32,
+                    reduction as u32,
+                    reduction as u32,
+                );
                 for channel in 0..3 {
                     let sum: f64 = block.pixels().map(|(_, _, pixel)| f64::from(pixel[channel])).sum();
                     let mean = sum / (reduction * reduction) as f64;
@@ -203,7 +209,8 @@ fn an_image_of_another_shape_than_its_camera_is_refused_with_both_sizes() {
     let folder = tempdir().unwrap();
     let path = save(folder.path(), "a.png", &oriented_png(1));
     for (width, height) in [(2, 4), (4, 3), (100, 52)] {
-        let error = image::load_for_camera(&path, &camera(width, height), every_pixel).unwrap_err().to_string();
+        let error =
+            image::load_for_camera(&path, &camera(width, height), every_pixel).unwrap_err().to_string();
         assert!(error.contains("4×2") && error.contains(&format!("{width}×{height}")), "{error}");
     }
     assert!(image::load_for_camera(&path, &camera(201, 100), every_pixel).is_ok());

@@ -193,8 +193,8 @@ impl Photographs {
     pub fn load(&self, view: &View) -> Result<(Photo, Option<String>), VamvsError> {
         // An undistorted photograph is sampled at twice the size first.
         let samples = if view.camera.lens.distorts() { 2 } else { 1 };
-        let longer_side = |size: Size| samples * longer_side(self.working_size(size));
-        let Taken { picture: Picture { image, mask }, camera, note } = self.origin.taken(view, longer_side)?;
+        let needed = |size: Size| samples * longer_side(self.working_size(size));
+        let Taken { picture: Picture { image, mask }, camera, note } = self.origin.taken(view, needed)?;
         let undistortion = Undistortion::new(&camera);
         let size = self.working_size(camera.size);
         let mask = undistortion.resized(camera.size, size).mask(mask.as_ref());

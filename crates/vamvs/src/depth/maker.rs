@@ -25,9 +25,6 @@ const END_SHARE: f64 = 0.01;
 /// Above this share of depths at one end of the range, a warning is given.
 const MANY_AT_END: f64 = 0.25;
 
-/// Number of views whose features are kept in addition to those of one depth map.
-const BESIDE: usize = 2;
-
 /// Makes depth maps; keeps what the next ones need too, as far as memory allows.
 pub(super) struct Maker<'a> {
     pub work: &'a Prepared,
@@ -100,7 +97,7 @@ impl<'a> Maker<'a> {
         // Features are where the network is. In the process refinement needs room beside them.
         let for_others = for_network.max(memory.in_process(for_maps));
         let capacity = usize::try_from(memory.free().saturating_sub(for_others)).unwrap_or(usize::MAX);
-        let kept = (capacity, work.options.views + BESIDE);
+        let kept = (capacity, work.options.views);
         let (scene, photographs) = (&work.scene, &work.photographs);
         let two_passes = work.has_two_passes();
         Self {
