@@ -1,6 +1,6 @@
 //! The `vamvs` command as a program.
 
-#[cfg(target_os = "linux")]
+#[cfg(all(feature = "net", target_os = "linux"))]
 mod allocator;
 #[cfg(feature = "net")]
 mod openmp;
@@ -10,7 +10,7 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     #[cfg(feature = "net")]
     openmp::wait_asleep();
-    #[cfg(target_os = "linux")]
+    #[cfg(all(feature = "net", target_os = "linux"))]
     allocator::register();
     vamvs_cli::run(std::env::args_os())
 }
