@@ -25,6 +25,12 @@ impl Size {
     pub const fn area(self) -> usize {
         self.width * self.height
     }
+
+    /// The longer side, pixels.
+    #[must_use]
+    pub fn longer_side(self) -> usize {
+        self.width.max(self.height)
+    }
 }
 
 impl std::fmt::Display for Size {

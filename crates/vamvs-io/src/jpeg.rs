@@ -55,7 +55,7 @@ pub(crate) fn is_complete(bytes: &[u8]) -> bool {
 pub(crate) fn reduced(bytes: &[u8], stored: Size, longer_side: usize) -> Option<DynamicImage> {
     let fits = |reduction: &usize| {
         let divides = stored.width.is_multiple_of(*reduction) && stored.height.is_multiple_of(*reduction);
-        divides && stored.width.max(stored.height) / reduction >= longer_side
+        divides && stored.longer_side() / reduction >= longer_side
     };
     let reduction = [8, 4, 2].into_iter().find(fits)?;
     let [width, height] = [stored.width, stored.height].map(|side| (side / reduction) as u32);

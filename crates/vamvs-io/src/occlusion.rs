@@ -42,7 +42,7 @@ fn place(view: &View, x_in_world: &Vector3<f64>) -> Option<Seen> {
 
 /// Side of a cell in pixels, at least 1.
 fn cell_side(size: Size) -> f64 {
-    (size.width.max(size.height) as f64 / CELLS).max(1.0)
+    (size.longer_side() as f64 / CELLS).max(1.0)
 }
 
 /// The least depth in each cell; infinity where there is no point.

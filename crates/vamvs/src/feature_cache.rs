@@ -29,8 +29,6 @@ pub struct FeatureCache<'a> {
     pub network: &'a Network,
     /// Bytes to keep.
     pub capacity: usize,
-    /// Largest number of views to keep; more would save little.
-    pub most: usize,
     /// Time that reading photographs took.
     pub reading: Duration,
     /// Least recently used first.
@@ -39,18 +37,12 @@ pub struct FeatureCache<'a> {
 }
 
 impl<'a> FeatureCache<'a> {
-    pub fn new(
-        scene: &'a Scene,
-        photographs: Photographs,
-        network: &'a Network,
-        (capacity, most): (usize, usize),
-    ) -> Self {
+    pub fn new(scene: &'a Scene, photographs: Photographs, network: &'a Network, capacity: usize) -> Self {
         Self {
             scene,
             photographs,
             network,
             capacity,
-            most,
             reading: Duration::ZERO,
             kept: Vec::new(),
             noted: vec![false; scene.views.len()],
@@ -73,6 +65,11 @@ impl<'a> FeatureCache<'a> {
             self.kept.push((view, Rc::new(encoded)));
         }
         Ok(Rc::clone(&self.kept[self.kept.len() - 1].1))
+    }
+
+    /// Drops the features of all views but these.
+    pub fn keep_only(&mut self, views: &[usize]) {
+        self.kept.retain(|(view, _)| views.contains(view));
     }
 
     /// Drops all features.
@@ -101,7 +98,7 @@ impl<'a> FeatureCache<'a> {
 
     fn make_room(&mut self, needed: usize) {
         let mut used: usize = self.kept.iter().map(|(_, encoded)| encoded.bytes()).sum();
-        while (used + needed > self.capacity || self.kept.len() >= self.most) && !self.kept.is_empty() {
+        while used + needed > self.capacity && !self.kept.is_empty() {
             used -= self.kept.remove(0).1.bytes();
         }
     }

@@ -123,7 +123,7 @@ fn plane_step(estimator: &Estimator) -> f64 {
 
 /// The longest side of all photographs, pixels.
 fn longest_side(plan: &Plan) -> usize {
-    plan.cameras.iter().map(|camera| camera.size.width.max(camera.size.height)).max().unwrap_or(0)
+    plan.cameras.iter().map(|camera| camera.size.longer_side()).max().unwrap_or(0)
 }
 
 /// Memory of the network for the largest depth map, bytes. Refinement begins after it is freed.

@@ -193,7 +193,7 @@ impl Photographs {
     pub fn load(&self, view: &View) -> Result<(Photo, Option<String>), VamvsError> {
         // An undistorted photograph is sampled at twice the size first.
         let samples = if view.camera.lens.distorts() { 2 } else { 1 };
-        let needed = |size: Size| samples * longer_side(self.working_size(size));
+        let needed = |size: Size| samples * self.working_size(size).longer_side();
         let Taken { picture: Picture { image, mask }, camera, note } = self.origin.taken(view, needed)?;
         let undistortion = Undistortion::new(&camera);
         let size = self.working_size(camera.size);
@@ -210,7 +210,7 @@ impl Photographs {
     }
 
     fn working_size(&self, size: Size) -> Size {
-        let ratio = self.enlarge.min(self.max_size as f64 / longer_side(size) as f64);
+        let ratio = self.enlarge.min(self.max_size as f64 / size.longer_side() as f64);
         let side = |side: usize| (side as f64 * ratio).round().max(1.0) as usize;
         Size::new(side(size.width), side(size.height))
     }
@@ -260,10 +260,6 @@ pub(crate) fn hash_file(path: &Path, hasher: &mut blake3::Hasher) {
     if let Err(error) = read {
         hasher.update(error.to_string().as_bytes());
     }
-}
-
-fn longer_side(size: Size) -> usize {
-    size.width.max(size.height)
 }
 
 /// The working cameras of all views of a scene.

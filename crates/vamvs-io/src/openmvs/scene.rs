@@ -172,7 +172,7 @@ impl MvsImage {
         let (Some(camera), Some(platform_from_world)) = (self.camera(platforms), platform_from_world) else {
             return Err(malformed("its platform, camera or pose does not exist".to_owned()));
         };
-        let scale = if camera.size.is_some() { 1.0 } else { size.width.max(size.height) as f64 };
+        let scale = if camera.size.is_some() { 1.0 } else { size.longer_side() as f64 };
         let intrinsics =
             Intrinsics::try_from_matrix(&camera.k).map_err(|error| malformed(error.to_string()))?;
         let intrinsics = intrinsics.scaled(scale, scale).cropped(-0.5, -0.5);

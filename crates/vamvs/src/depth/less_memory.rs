@@ -49,13 +49,13 @@ impl Maker<'_> {
     ) -> Result<Made, VamvsError> {
         let work = self.work;
         let planned = work.plan.cameras[view].size;
-        let half = self.features.photographs.max_size().min(planned.width.max(planned.height)) / 2;
+        let half = self.features.photographs.max_size().min(planned.longer_side()) / 2;
         let name = &work.scene.views[view].name;
         let text = format!("{name}: out of memory; trying again with photographs of {half} pixels");
         tell(on_event, Event::Warning(text))?;
         self.features.clear();
         let photographs = work.photographs.reduced_to(half);
-        let smaller = FeatureCache::new(&work.scene, photographs, work.estimator.network(), (0, 1));
+        let smaller = FeatureCache::new(&work.scene, photographs, work.estimator.network(), 0);
         let whole = std::mem::replace(&mut self.features, smaller);
         let made = self.make_once(view, plan, on_event);
         self.features = whole;

@@ -97,12 +97,11 @@ impl<'a> Maker<'a> {
         // Features are where the network is. In the process refinement needs room beside them.
         let for_others = for_network.max(memory.in_process(for_maps));
         let capacity = usize::try_from(memory.free().saturating_sub(for_others)).unwrap_or(usize::MAX);
-        let kept = (capacity, work.options.views);
         let (scene, photographs) = (&work.scene, &work.photographs);
         let two_passes = work.has_two_passes();
         Self {
             work,
-            features: FeatureCache::new(scene, photographs.clone(), work.estimator.network(), kept),
+            features: FeatureCache::new(scene, photographs.clone(), work.estimator.network(), capacity),
             refinement: work.options.refine.then(|| Refinement::new(scene, photographs, two_passes)),
             profile: Profile::on(device),
             ceiling: Ceiling::new(limit, for_maps),
@@ -155,6 +154,7 @@ impl<'a> Maker<'a> {
         plan: &ViewPlan,
         on_event: &mut OnEvent<'_>,
     ) -> Result<Made, VamvsError> {
+        self.features.keep_only(&[&[view], &plan.sources[..]].concat());
         let reference = self.encoded(view, on_event)?;
         let mut sources = Vec::with_capacity(plan.sources.len());
         let mut used = Vec::with_capacity(plan.sources.len());
