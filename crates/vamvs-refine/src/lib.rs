@@ -2,7 +2,8 @@
 //!
 //! [`refine`] solves one reference view. The seed is a depth map, which may be far smaller than the photograph. Near
 //! its depth, each pixel gets the plane for which the window around the pixel correlates best with the source views.
-//! [`refine_geometric`] refines the result with the depth maps that the source views have got in the same way.
+//! [`refine_geometric`] refines the result with the depth maps that the source views have got in the same way. Where
+//! there is no network to give a seed, [`plane_sweep`] does.
 //!
 //! A plane is stored as inverse depth, which is affine in image coordinates; steps are in pixels of disparity. So
 //! nothing depends on the scale, the rotation or the position of the scene. Images are converted to 8-bit luminance;
@@ -22,9 +23,11 @@ mod luminance;
 mod matcher;
 mod options;
 mod plane;
+mod plane_sweep;
 mod refined;
 mod sampling;
 mod seed;
+mod semi_global;
 mod smooth;
 mod solve;
 mod source;
@@ -38,6 +41,7 @@ use vamvs_core::{DepthMap, Grid, Photo, Size};
 
 pub use isa::Isa;
 pub use options::RefineOptions;
+pub use plane_sweep::{SWEEP_STRIDE, plane_sweep, sweep_bytes};
 pub use refined::{Features, Refined, Surface};
 pub use source::MOST_SOURCES;
 

@@ -4,8 +4,8 @@ mod common;
 
 use common::{HERE, Set, disparity, enlarged, median, render, seed, sources};
 use nalgebra::Vector3;
-use vamvs_core::{DepthMap, Grid};
-use vamvs_refine::{RefineOptions, Refined, refine, refine_geometric};
+use vamvs_core::{DepthMap, DepthRange, Grid, Planes};
+use vamvs_refine::{RefineOptions, Refined, plane_sweep, refine, refine_geometric};
 
 fn refined(set: &Set) -> Refined {
     refine(&set.photos[0], &sources(set), &seed(set), &[], &RefineOptions::default())
@@ -96,6 +96,36 @@ fn a_first_pass_at_half_the_size_leads_to_the_same_plane() {
     let errors: Vec<f64> = errors(&set, &second.map.depth, 16).iter().map(|error| 2.0 * error).collect();
     println!("median {:.4} px, above a pixel {:.4}", median(errors.clone()), share_above(&errors, 1.0));
     assert!(median(errors.clone()) < 0.05 && share_above(&errors, 1.0) < 0.005);
+}
+
+#[test]
+fn a_plane_sweep_finds_surfaces_without_a_seed_and_refinement_goes_on_from_it() {
+    for (surface, outliers) in
+        [(common::plane as common::Surface, 0.002), (common::sphere, 0.07), (common::step, 0.02)]
+    {
+        let set = enlarged(surface, HERE, 2);
+        let (photos, options) = (sources(&set), RefineOptions::default());
+        let eyes: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
+        let range = DepthRange::try_new(2.0, 8.0).unwrap();
+        let reference = (&set.photos[0].camera, &set.photos[0].cam_from_world);
+        let planes = Planes::for_views(range, reference, &eyes, (2.0, 192));
+        let swept = plane_sweep(&set.photos[0], &photos, &planes, &options).unwrap();
+        assert_eq!(swept.depth.size(), common::SIZE);
+        let near = |x: usize, y: usize| disparity(swept.depth[(x, y)], set.depth[(2 * x + 1, 2 * y + 1)]);
+        let errors: Vec<f64> = (8..136).flat_map(|y| (8..184).map(move |x| near(x, y))).collect();
+        let (error, far) = (median(errors.clone()), share_above(&errors, 1.0));
+        println!("swept: median {error:.4} px, above a pixel {far:.4}");
+        assert!(error < 0.2 && far < outliers + 0.03);
+        let refined = refine(&set.photos[0], &photos, &swept, &[], &options).unwrap();
+        let errors: Vec<f64> =
+            self::errors(&set, &refined.map.depth, 16).iter().map(|error| 2.0 * error).collect();
+        println!(
+            "refined: median {:.4} px, above a pixel {:.4}",
+            median(errors.clone()),
+            share_above(&errors, 1.0)
+        );
+        assert!(median(errors.clone()) < 0.05 && share_above(&errors, 1.0) < outliers);
+    }
 }
 
 /// The plane's depth in another view.
