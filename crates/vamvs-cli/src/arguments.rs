@@ -16,7 +16,6 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use vamvs::MemoryLimit;
 use vamvs::export::{DepthFormat, ExportTarget};
-#[cfg(feature = "net")]
 use vamvs::{Quality, core::Spacing};
 
 #[cfg(feature = "net")]
@@ -31,7 +30,6 @@ pub use fusion::{FusionFlags, Preset};
 pub use input::InputFlags;
 pub use refine::RefineArguments;
 pub use synth::{AssetFlags, SynthArguments};
-#[cfg(feature = "net")]
 pub use tasks::{DepthCommand, DepthStepFlags, DepthTask, TasksArguments};
 pub use tasks::{FusionStepFlags, FusionTask};
 #[cfg(feature = "net")]
@@ -50,15 +48,12 @@ pub struct Arguments {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Make depth maps and one cloud from photographs and cameras.
-    #[cfg(feature = "net")]
     #[command(after_help = RECONSTRUCT_EXAMPLES)]
     Reconstruct(ReconstructArguments),
     /// Make depth maps from photographs and cameras.
-    #[cfg(feature = "net")]
     #[command(after_help = "Example:\n  vamvs depth --colmap sparse/0 --images images --out out")]
     Depth(DepthCommand),
     /// Write a reconstruction as tasks for many machines: one JSON object a line, each a `vamvs` command.
-    #[cfg(feature = "net")]
     #[command(after_help = tasks::EXAMPLES)]
     Tasks(TasksArguments),
     /// Refine depth maps to the full resolution of their photographs, with normals.
@@ -106,8 +101,8 @@ impl Command {
     pub fn resumption(&self) -> &'static str {
         match self {
             #[cfg(feature = "net")]
-            Self::Reconstruct(_) | Self::Depth(_) | Self::Train(_) => GOES_ON,
-            Self::Synth(_) | Self::Refine(_) => GOES_ON,
+            Self::Train(_) => GOES_ON,
+            Self::Reconstruct(_) | Self::Depth(_) | Self::Synth(_) | Self::Refine(_) => GOES_ON,
             _ => "stopped; no file is half-written, the same command again starts anew",
         }
     }
@@ -116,7 +111,6 @@ impl Command {
 /// For commands that keep finished work.
 const GOES_ON: &str = "stopped; what is finished is kept, the same command again goes on from there";
 
-#[cfg(feature = "net")]
 const RECONSTRUCT_EXAMPLES: &str = "\
 Examples:
   vamvs reconstruct --cams cams --images images --out out        MVSNet layout
@@ -136,7 +130,6 @@ Examples:
   vamvs fuse out --export colmap,openmvs --depth-format exr";
 
 /// `reconstruct`.
-#[cfg(feature = "net")]
 #[derive(Debug, Args)]
 pub struct ReconstructArguments {
     /// Depth estimation.
@@ -154,7 +147,6 @@ pub struct ReconstructArguments {
 }
 
 /// `depth`.
-#[cfg(feature = "net")]
 #[derive(Debug, Args)]
 pub struct DepthArguments {
     /// Where the scene is.
@@ -174,7 +166,6 @@ pub struct DepthArguments {
     pub force: bool,
 }
 
-#[cfg(feature = "net")]
 impl DepthArguments {
     /// The output folder.
     pub fn out(&self) -> PathBuf {
@@ -256,17 +247,24 @@ pub struct InfoArguments {
 }
 
 /// How depth is estimated.
-#[cfg(feature = "net")]
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Depth")]
 pub struct DepthFlags {
-    /// The network: vis-max (trained), vis-corr (light, still in training) or photometric (handcrafted), which are built
-    /// in, or a TorchScript module [default: vis-max].
+    #[cfg_attr(
+        feature = "net",
+        doc = "The network: vis-max (trained), vis-corr (light, still in training) or photometric"
+    )]
+    #[cfg_attr(
+        feature = "net",
+        doc = "(handcrafted), which are built in, a TorchScript module, or none: a plane sweep"
+    )]
+    #[cfg_attr(feature = "net", doc = "with semi-global matching [default: vis-max].")]
+    #[cfg_attr(
+        not(feature = "net"),
+        doc = "none, a plane sweep with semi-global matching: this build has no networks."
+    )]
     #[arg(long, value_name = "NAME|FILE.pt")]
     pub weights: Option<PathBuf>,
-    /// auto, cpu, cuda or cuda:N [default: auto].
-    #[arg(long, value_name = "DEVICE")]
-    pub device: Option<String>,
     /// Trade-off between time and quality; other flags override parts of it [default: normal].
     #[arg(long, value_enum, conflicts_with = "preview")]
     pub quality: Option<Quality>,
@@ -276,10 +274,11 @@ pub struct DepthFlags {
     /// Larger photographs are reduced to this longer side, pixels; depth maps have the same size [default: 2000].
     #[arg(long, value_name = "PIXELS")]
     pub max_size: Option<usize>,
-    /// The network sees larger photographs reduced to this longer side, pixels [default: 800].
+    /// The network, or the plane sweep without one, sees larger photographs reduced to this longer side, pixels
+    /// [default: 800].
     #[arg(long, value_name = "PIXELS")]
     pub network_size: Option<usize>,
-    /// Write the network's own depth maps, smaller than their photographs and without normals.
+    /// Write the depth maps that refinement would start from, smaller than their photographs and without normals.
     #[arg(long)]
     pub no_refine: bool,
     /// Refine depth maps with the photographs alone, without the second pass, which uses the source views' depth maps.
@@ -296,10 +295,6 @@ pub struct DepthFlags {
     /// [default: 255, none].
     #[arg(long, value_name = "LEVEL")]
     pub max_brightness: Option<u8>,
-    /// Stride of the coarse depth map: 8 pixels of the photograph, or 4, which keeps thin structures and edges but
-    /// takes three times as long [default: the network's, 4 for vis-max, 8 for photometric].
-    #[arg(long, alias = "cells", value_name = "PIXELS")]
-    pub coarse_stride: Option<usize>,
     /// Number of views for a depth map, the reference view included. Beyond five, a source view is used only if its score
     /// is at least 0.3 times the best one [default: 5].
     #[arg(long, value_name = "N")]
@@ -316,12 +311,30 @@ pub struct DepthFlags {
     /// Depth range of all views, scene units [default: each view's own].
     #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"])]
     pub depth_range: Option<Vec<f64>>,
-    /// Number of flow iterations; later ones are finer [default: all that the network has].
-    #[arg(long, value_name = "N")]
-    pub iterations: Option<usize>,
     /// Region of interest: depth only inside of this box in world coordinates.
     #[arg(long, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_negative_numbers = true)]
     pub roi: Option<Vec<f64>>,
+    /// What only networks have.
+    #[cfg(feature = "net")]
+    #[command(flatten)]
+    pub network: NetworkFlags,
+}
+
+/// What only networks have.
+#[cfg(feature = "net")]
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Network")]
+pub struct NetworkFlags {
+    /// auto, cpu, cuda or cuda:N [default: auto].
+    #[arg(long, value_name = "DEVICE")]
+    pub device: Option<String>,
+    /// Stride of the coarse depth map: 8 pixels of the photograph, or 4, which keeps thin structures and edges but
+    /// takes three times as long [default: the network's, 4 for vis-max, 8 for photometric].
+    #[arg(long, alias = "cells", value_name = "PIXELS")]
+    pub coarse_stride: Option<usize>,
+    /// Number of flow iterations; later ones are finer [default: all that the network has].
+    #[arg(long, value_name = "N")]
+    pub iterations: Option<usize>,
     /// Foveated depth: fine inside of --roi, coarse outside; one cloud of several densities, in less time. Coarser
     /// maps are called NAME@8 (at a stride of 8) and NAME@4.
     #[arg(long)]

@@ -43,7 +43,6 @@ impl Progress {
     }
 
     /// A line that is printed only if verbose.
-    #[cfg(feature = "net")]
     pub fn explain(&self, line: &str) {
         if self.verbose {
             self.say(line);

@@ -16,7 +16,7 @@ use crate::arguments::{CommonFlags, ExportFlags, FusionFlags, Preset};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Settings {
-    /// The network: the name of a built-in one or a file; vis-max if not given.
+    /// The network: the name of a built-in one, a file, or none; vis-max if not given.
     pub weights: Option<PathBuf>,
     /// auto, cpu, cuda or cuda:N.
     pub device: Option<String>,
@@ -81,7 +81,6 @@ impl Settings {
     }
 
     /// The same settings with absolute paths.
-    #[cfg(feature = "net")]
     pub fn absolute(&self) -> Result<Self> {
         let mut settings = self.clone();
         let absolute = |path: &mut Option<PathBuf>| -> Result<()> {
@@ -99,7 +98,6 @@ impl Settings {
     }
 
     /// The settings as TOML.
-    #[cfg(feature = "net")]
     pub fn save(&self, path: &std::path::Path) -> Result<()> {
         let text = toml::to_string_pretty(self).context("the settings cannot be written as TOML")?;
         Ok(vamvs::io::atomic::write(path, |out| out.write_all(text.as_bytes()))?)
@@ -165,7 +163,6 @@ pub fn roi(numbers: Option<&[f64]>) -> Result<Option<Roi>> {
 }
 
 /// A depth range from its two numbers.
-#[cfg(feature = "net")]
 pub fn depth_range(numbers: Option<&[f64]>) -> Result<Option<vamvs::core::DepthRange>> {
     let Some(&[near, far]) = numbers else { return Ok(None) };
     Ok(Some(vamvs::core::DepthRange::try_new(near, far).context("--depth-range")?))
@@ -254,7 +251,6 @@ mod input {
     }
 }
 
-#[cfg(feature = "net")]
 mod depth {
     use super::*;
     use crate::arguments::DepthFlags;
@@ -269,7 +265,6 @@ mod depth {
                 self.depth = quality.applied(&self.depth);
             }
             set(&mut self.weights, flags.weights.clone().map(Some));
-            set(&mut self.device, flags.device.clone().map(Some));
             let depth = &mut self.depth;
             set(&mut depth.max_size, flags.max_size);
             set(&mut depth.network_size, flags.network_size);
@@ -278,22 +273,29 @@ mod depth {
             set(&mut depth.enlarge, flags.enlarge);
             set(&mut depth.min_brightness, flags.min_brightness);
             set(&mut depth.max_brightness, flags.max_brightness);
-            set(&mut depth.coarse_stride, flags.coarse_stride.map(Some));
             set(&mut depth.views, flags.views);
             set(&mut depth.planes, flags.planes.map(Some));
             set(&mut depth.max_planes, flags.max_planes);
-            set(&mut depth.iterations, flags.iterations.map(Some));
             set(&mut depth.depth_range, depth_range(flags.depth_range.as_deref())?.map(Some));
             set(&mut depth.spacing, flags.spacing.map(Some));
             if let Some(roi) = roi(flags.roi.as_deref())? {
                 depth.roi = Some(roi);
                 self.fusion.roi = Some(roi);
             }
-            depth.fovea |= flags.fovea;
-            if depth.fovea {
+            #[cfg(feature = "net")]
+            self.apply_network(&flags.network);
+            if self.depth.fovea {
                 self.fusion.roi = None;
             }
             Ok(())
+        }
+
+        #[cfg(feature = "net")]
+        fn apply_network(&mut self, flags: &crate::arguments::NetworkFlags) {
+            set(&mut self.device, flags.device.clone().map(Some));
+            set(&mut self.depth.coarse_stride, flags.coarse_stride.map(Some));
+            set(&mut self.depth.iterations, flags.iterations.map(Some));
+            self.depth.fovea |= flags.fovea;
         }
 
         /// The reconstruction of a scene with these settings; `loaded.masks` are those found with

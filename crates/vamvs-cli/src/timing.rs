@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use vamvs::FuseSummary;
 
+use crate::command::depth::stages;
 use crate::progress::Progress;
 
 /// Steps of a run with the time that they took.
@@ -32,12 +33,12 @@ impl Timing {
     }
 
     /// Adds the steps of estimating depth.
-    #[cfg(feature = "net")]
     pub fn add_depth(&mut self, summary: &vamvs::DepthSummary) {
         self.add("reading", summary.reading);
-        for stage in vamvs::net::Stage::ALL {
-            let name = format!("{stage:?}").to_lowercase();
-            self.add(&format!("network: {name}"), summary.profile.spent(stage));
+        if summary.sweeping > Duration::ZERO {
+            self.add("plane sweep", summary.sweeping);
+        } else {
+            stages(summary).into_iter().for_each(|(name, time)| self.add(&format!("network: {name}"), time));
         }
         self.add("refinement", summary.refining);
         self.add("geometric pass", summary.refining_again);

@@ -10,8 +10,6 @@ mod second_pass;
 
 use std::time::Duration;
 
-use vamvs_net::Profile;
-
 pub use in_memory::DepthMaps;
 pub use parts::{DepthStep, collect, estimate_part, record_file};
 
@@ -30,7 +28,10 @@ pub struct DepthSummary {
     /// Views without depth map.
     pub skipped: Vec<LeftOut>,
     /// Where the network's time went.
-    pub profile: Profile,
+    #[cfg(feature = "net")]
+    pub profile: vamvs_net::Profile,
+    /// Time of the plane sweep, without a network.
+    pub sweeping: Duration,
     /// Time to read, undistort and reduce photographs.
     pub reading: Duration,
     /// Time of the first refinement pass, which uses photographs alone.

@@ -69,7 +69,6 @@ impl VamvsError {
     }
 
     /// Whether the run cannot go on as it is: memory ran out, or the caller cancelled.
-    #[cfg(feature = "net")]
     pub(crate) fn ends_run(&self) -> bool {
         matches!(self, Self::Cancelled) || self.is_out_of_memory()
     }

@@ -1,19 +1,18 @@
-//! A cache of the features of photographs.
+//! A cache of photographs and of what the method keeps of them.
 
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use vamvs_core::{Photo, Scene};
-use vamvs_net::tch::no_grad;
-use vamvs_net::{EncodedView, Network, Profile, Stage};
 
 use crate::event::{OnEvent, tell};
-use crate::{Event, Photographs, VamvsError};
+use crate::method::{Clock, Features};
+use crate::{Event, Method, Photographs, VamvsError};
 
 /// A photograph and its features.
-pub struct Encoded {
+pub(crate) struct Encoded {
     pub photo: Photo,
-    pub features: EncodedView,
+    pub features: Features,
 }
 
 impl Encoded {
@@ -23,10 +22,10 @@ impl Encoded {
 }
 
 /// Encodes photographs on demand and keeps the most recently used ones.
-pub struct FeatureCache<'a> {
+pub(crate) struct FeatureCache<'a> {
     pub scene: &'a Scene,
     pub photographs: Photographs,
-    pub network: &'a Network,
+    pub method: &'a Method,
     /// Bytes to keep.
     pub capacity: usize,
     /// Time that reading photographs took.
@@ -37,11 +36,11 @@ pub struct FeatureCache<'a> {
 }
 
 impl<'a> FeatureCache<'a> {
-    pub fn new(scene: &'a Scene, photographs: Photographs, network: &'a Network, capacity: usize) -> Self {
+    pub fn new(scene: &'a Scene, photographs: Photographs, method: &'a Method, capacity: usize) -> Self {
         Self {
             scene,
             photographs,
-            network,
+            method,
             capacity,
             reading: Duration::ZERO,
             kept: Vec::new(),
@@ -53,14 +52,14 @@ impl<'a> FeatureCache<'a> {
     pub fn get(
         &mut self,
         view: usize,
-        profile: &mut Profile,
+        clock: &mut Clock,
         on_event: &mut OnEvent<'_>,
     ) -> Result<Rc<Encoded>, VamvsError> {
         if let Some(place) = self.kept.iter().position(|(kept, _)| *kept == view) {
             let entry = self.kept.remove(place);
             self.kept.push(entry);
         } else {
-            let encoded = self.encode(view, profile, on_event)?;
+            let encoded = self.encode(view, clock, on_event)?;
             self.make_room(encoded.bytes());
             self.kept.push((view, Rc::new(encoded)));
         }
@@ -80,7 +79,7 @@ impl<'a> FeatureCache<'a> {
     fn encode(
         &mut self,
         view: usize,
-        profile: &mut Profile,
+        clock: &mut Clock,
         on_event: &mut OnEvent<'_>,
     ) -> Result<Encoded, VamvsError> {
         let scene_view = &self.scene.views[view];
@@ -92,8 +91,8 @@ impl<'a> FeatureCache<'a> {
             self.noted[view] = true;
             tell(on_event, Event::Warning(note))?;
         }
-        let features = profile.time(Stage::Encode, || no_grad(|| self.network.encode(&photo)));
-        Ok(Encoded { features: features.map_err(|error| of_view(error.into()))?, photo })
+        let features = self.method.encode(&photo, clock).map_err(of_view)?;
+        Ok(Encoded { features, photo })
     }
 
     fn make_room(&mut self, needed: usize) {

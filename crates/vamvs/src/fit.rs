@@ -3,11 +3,12 @@
 use std::fmt;
 
 use vamvs_core::Scene;
-use vamvs_net::{Device, Estimator, free_device_memory};
+#[cfg(feature = "net")]
+use vamvs_net::{Device, free_device_memory};
 
 use crate::event::{OnEvent, tell};
 use crate::memory::format_bytes;
-use crate::{DepthOptions, Event, MemoryLimit, Photographs, Plan, VamvsError, ViewPlan};
+use crate::{DepthOptions, Event, MemoryLimit, Method, Photographs, Plan, VamvsError, ViewPlan};
 
 /// Factor from one tried size of photographs to the next.
 const STEP: f64 = 0.9;
@@ -15,59 +16,68 @@ const STEP: f64 = 0.9;
 /// The smallest longer side that is tried, pixels.
 const SMALLEST: usize = 256;
 
-/// Factor by which the estimator's pieces (slabs and strips) become smaller before photographs do.
+/// Factor by which the method's pieces (slabs and strips) become smaller before photographs do.
 const SMALLER_PIECES: usize = 8;
 
 /// Share of a GPU's free memory that the network may take; the rest is for the workspaces of its libraries.
+#[cfg(feature = "net")]
 const OF_THE_GPU: f64 = 0.8;
 
-/// The memory that the network's tensors live in.
+/// The memory that a method works in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum NetworkMemory {
-    /// What is left of the process's resident memory, bytes.
-    Process { limit: MemoryLimit, free: u64 },
-    /// What may be taken of a GPU's memory, bytes; not limited if the GPU does not report it.
-    Gpu { free: u64 },
+pub(crate) struct MethodMemory {
+    /// What may be taken, bytes.
+    free: u64,
+    /// The limit of the process's resident memory; `None` for the memory of a GPU.
+    limit: Option<MemoryLimit>,
 }
 
-impl NetworkMemory {
-    /// The memory of the device that the network is on.
-    pub fn of(device: Device, limit: MemoryLimit) -> Self {
+impl MethodMemory {
+    /// What is left of the process's resident memory.
+    pub fn of_process(limit: MemoryLimit) -> Self {
+        Self { free: limit.remaining(), limit: Some(limit) }
+    }
+
+    /// The memory of the device that a network is on; not limited if a GPU does not report it.
+    #[cfg(feature = "net")]
+    pub fn of_device(device: Device, limit: MemoryLimit) -> Self {
         Self::told_by(free_device_memory, device, limit)
     }
 
+    #[cfg(feature = "net")]
     fn told_by(free: impl Fn(Device) -> Option<u64>, device: Device, limit: MemoryLimit) -> Self {
         match device {
-            Device::Cpu => Self::Process { limit, free: limit.remaining() },
-            _ => Self::Gpu { free: free(device).map_or(u64::MAX, |free| (OF_THE_GPU * free as f64) as u64) },
+            Device::Cpu => Self::of_process(limit),
+            _ => {
+                let free = free(device).map_or(u64::MAX, |free| (OF_THE_GPU * free as f64) as u64);
+                Self { free, limit: None }
+            }
         }
     }
 
     /// What may be taken, bytes.
     pub fn free(self) -> u64 {
-        match self {
-            Self::Process { free, .. } | Self::Gpu { free } => free,
-        }
+        self.free
     }
 
-    /// What the network takes of the process's memory for a depth map that takes `needed` bytes of this one.
+    /// What the method takes of the process's memory for a depth map that takes `needed` bytes of this one.
     pub fn in_process(self, needed: u64) -> u64 {
-        if matches!(self, Self::Process { .. }) { needed } else { 0 }
+        if self.limit.is_some() { needed } else { 0 }
     }
 }
 
-impl fmt::Display for NetworkMemory {
+impl fmt::Display for MethodMemory {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let free = format_bytes(self.free());
-        match self {
-            Self::Process { limit, .. } => write!(f, "{free} of --max-memory {limit} are free"),
-            Self::Gpu { .. } => write!(f, "{free} of the GPU's memory may be taken"),
+        let free = format_bytes(self.free);
+        match self.limit {
+            Some(limit) => write!(f, "{free} of --max-memory {limit} are free"),
+            None => write!(f, "{free} of the GPU's memory may be taken"),
         }
     }
 }
 
 /// The photographs and the plan with which every depth map is expected to fit into `memory`: where it would not, the
-/// estimator works in smaller pieces, and if that does not help, photographs are reduced. A warning says what was
+/// method works in smaller pieces, and if that does not help, photographs are reduced. A warning says what was
 /// reduced.
 ///
 /// # Errors
@@ -76,23 +86,21 @@ pub(crate) fn fit_to_memory(
     scene: &Scene,
     photographs: &Photographs,
     options: &DepthOptions,
-    (estimator, memory): (&mut Estimator, NetworkMemory),
+    (method, memory): (&mut Method, MethodMemory),
     on_event: &mut OnEvent<'_>,
 ) -> Result<(Photographs, Plan), VamvsError> {
-    let plan = crate::plan(scene, photographs, options, plane_step(estimator))?;
-    let needed = most_bytes(&plan, estimator);
+    let plan = crate::plan(scene, photographs, options, method.plane_step())?;
+    let needed = most_bytes(&plan, method);
     if needed <= memory.free() {
         return Ok((photographs.clone(), plan));
     }
-    let pieces = estimator.options_mut();
-    pieces.slab_bytes /= SMALLER_PIECES;
-    pieces.strip_points /= SMALLER_PIECES;
-    let (photographs, plan) = reduced((photographs, plan), scene, options, (estimator, memory.free()))?;
+    method.use_smaller_pieces(SMALLER_PIECES);
+    let (photographs, plan) = reduced((photographs, plan), scene, options, (method, memory.free()))?;
     let size = longest_side(&plan);
     let text = format!(
         "a depth map takes about {}, and {memory}: it is made in smaller pieces, of photographs of {size} pixels, and takes about {}",
         format_bytes(needed),
-        format_bytes(most_bytes(&plan, estimator)),
+        format_bytes(most_bytes(&plan, method)),
     );
     tell(on_event, Event::Warning(text))?;
     Ok((photographs, plan))
@@ -103,22 +111,18 @@ fn reduced(
     (photographs, mut plan): (&Photographs, Plan),
     scene: &Scene,
     options: &DepthOptions,
-    (estimator, free): (&Estimator, u64),
+    (method, free): (&Method, u64),
 ) -> Result<(Photographs, Plan), VamvsError> {
     let mut photographs = photographs.clone();
     let sizes = std::iter::successors(Some(longest_side(&plan) as f64 * STEP), |size| Some(size * STEP));
     for size in sizes.map(|size| size as usize).take_while(|&size| size >= SMALLEST) {
-        if most_bytes(&plan, estimator) <= free {
+        if most_bytes(&plan, method) <= free {
             break;
         }
         photographs = photographs.reduced_to(size);
-        plan = crate::plan(scene, &photographs, options, plane_step(estimator))?;
+        plan = crate::plan(scene, &photographs, options, method.plane_step())?;
     }
     Ok((photographs, plan))
-}
-
-fn plane_step(estimator: &Estimator) -> f64 {
-    estimator.network().manifest().plane_step
 }
 
 /// The longest side of all photographs, pixels.
@@ -126,17 +130,17 @@ fn longest_side(plan: &Plan) -> usize {
     plan.cameras.iter().map(|camera| camera.size.longer_side()).max().unwrap_or(0)
 }
 
-/// Memory of the network for the largest depth map, bytes. Refinement begins after it is freed.
-pub(crate) fn most_bytes(plan: &Plan, estimator: &Estimator) -> u64 {
+/// Memory of the method for the largest depth map, bytes. Refinement begins after it is freed.
+pub(crate) fn most_bytes(plan: &Plan, method: &Method) -> u64 {
     let bytes = |(view, planned): (usize, &ViewPlan)| {
-        estimator.peak_bytes(plan.cameras[view].size, planned.sources.len() + 1, planned.planes.count) as u64
+        method.peak_bytes(plan.cameras[view].size, planned.sources.len() + 1, planned.planes.count)
     };
     let planned =
         plan.views.iter().enumerate().filter_map(|(view, planned)| Some((view, planned.as_ref().ok()?)));
     planned.map(bytes).max().unwrap_or(0)
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "net"))]
 mod tests {
     use super::*;
     use nalgebra::Vector3;
@@ -144,7 +148,6 @@ mod tests {
     use std::path::Path;
     use vamvs_core::{Camera, DepthRange, Intrinsics, Lens, Pose, Size, View};
     use vamvs_io::masks::Masks;
-    use vamvs_net::EstimatorOptions;
 
     const SIZE: Size = Size::new(800, 600);
 
@@ -162,14 +165,12 @@ mod tests {
     }
 
     /// The size of the photographs, the memory of a depth map and the warning, with so much memory.
-    fn fitted(memory: NetworkMemory) -> (usize, u64, Option<String>) {
+    fn fitted(memory: MethodMemory) -> (usize, u64, Option<String>) {
         let options = DepthOptions {
             depth_range: Some(DepthRange::try_new(2.0, 20.0).unwrap()),
             ..DepthOptions::default()
         };
-        let network = crate::weights::load(Some(Path::new("photometric")), Device::Cpu).unwrap();
-        let estimator_options = EstimatorOptions::of(&network);
-        let mut estimator = Estimator::new(network, estimator_options).unwrap();
+        let mut method = Method::new(Some(Path::new("photometric")), Some("cpu"), &options).unwrap();
         let photographs = Photographs::new(Path::new("images"), Masks::None, &options);
         let mut warning = None;
         let mut on_event = |event: Event| {
@@ -179,15 +180,15 @@ mod tests {
             ControlFlow::Continue(())
         };
         let (_, plan) =
-            fit_to_memory(&scene(), &photographs, &options, (&mut estimator, memory), &mut on_event).unwrap();
-        (longest_side(&plan), most_bytes(&plan, &estimator), warning)
+            fit_to_memory(&scene(), &photographs, &options, (&mut method, memory), &mut on_event).unwrap();
+        (longest_side(&plan), most_bytes(&plan, &method), warning)
     }
 
     #[test]
     fn photographs_are_reduced_to_what_a_gpu_has_free() {
         let gpu = |free: u64| {
             let told = |device| (device == Device::Cuda(1)).then_some(free);
-            NetworkMemory::told_by(told, Device::Cuda(1), MemoryLimit::Bytes(1))
+            MethodMemory::told_by(told, Device::Cuda(1), MemoryLimit::Bytes(1))
         };
         let (size, whole, warning) = fitted(gpu(80 << 30));
         assert_eq!((size, warning), (800, None), "the limit of the process does not count");
@@ -198,15 +199,16 @@ mod tests {
             warning.contains("of the GPU's memory") && warning.contains(&format!("{size} pixels")),
             "{warning}"
         );
-        let silent = NetworkMemory::told_by(|_| None, Device::Cuda(0), MemoryLimit::Bytes(1));
+        let silent = MethodMemory::told_by(|_| None, Device::Cuda(0), MemoryLimit::Bytes(1));
         assert_eq!(fitted(silent).0, 800);
     }
 
     #[test]
     fn on_a_processor_the_limit_of_the_process_counts() {
-        let nothing_left = NetworkMemory::told_by(|_| Some(80 << 30), Device::Cpu, MemoryLimit::Bytes(1));
+        let nothing_left = MethodMemory::told_by(|_| Some(80 << 30), Device::Cpu, MemoryLimit::Bytes(1));
         let (size, _, warning) = fitted(nothing_left);
         assert!(size < 800 && warning.unwrap().contains("--max-memory"));
-        assert_eq!((nothing_left.in_process(7), NetworkMemory::Gpu { free: 9 }.in_process(7)), (7, 0));
+        let gpu = MethodMemory::told_by(|_| Some(9), Device::Cuda(0), MemoryLimit::Bytes(1));
+        assert_eq!((nothing_left.in_process(7), gpu.in_process(7)), (7, 0));
     }
 }

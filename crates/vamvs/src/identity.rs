@@ -4,7 +4,6 @@ use std::sync::OnceLock;
 
 use rayon::prelude::*;
 use vamvs_core::Scene;
-use vamvs_net::EstimatorOptions;
 use vamvs_refine::RefineOptions;
 
 use crate::output::PhotographRecord;
@@ -25,16 +24,11 @@ pub struct Identity<'a> {
 }
 
 impl<'a> Identity<'a> {
-    /// Hashes the module and the options of the estimator. Each photograph is hashed once, when a
+    /// Hashes what decides the method's depth maps. Each photograph is hashed once, when a
     /// depth map first needs it, and not at all if a record in `folders` has its hash and the file has not changed since.
     pub fn new(work: &'a Prepared, folders: [OutputFolder; 2], names: Vec<String>) -> Self {
-        let Prepared { scene, estimator, module, .. } = work;
-        // Slabs and strips limit the memory and do not change the result.
-        let coarse_stride = estimator.network().manifest().coarse_stride;
-        let EstimatorOptions { iterations, completion, guide, slab_bytes: _, strip_points: _ } =
-            estimator.options();
-        let common =
-            format!("{PIPELINE_VERSION} {module} {coarse_stride} {iterations:?} {completion:?} {guide:?}");
+        let Prepared { scene, method, .. } = work;
+        let common = format!("{PIPELINE_VERSION} {}", method.identity());
         Self { common, scene, views: vec![OnceLock::new(); scene.views.len()], folders, names }
     }
 

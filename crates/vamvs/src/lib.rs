@@ -8,47 +8,37 @@
 //! cloud, and [`export`] writes files for other programs. [`report`] shows a run on a page, and
 //! [`eval`] compares results with ground truth. Progress comes as [`Event`]s; nothing here prints.
 //!
-//! Without the feature `net` the crate builds and runs without libtorch and has everything but
-//! [`depth`] estimation.
+//! Without the feature `net` the crate builds and runs without libtorch. It then has no networks: depth comes
+//! from a plane sweep ([`Method::PlaneSweep`]).
 
-#[cfg(feature = "net")]
 mod ceiling;
-#[cfg(feature = "net")]
 pub mod depth;
 pub mod error;
 pub mod eval;
 pub mod event;
 pub mod export;
-#[cfg(feature = "net")]
 mod feature_cache;
-#[cfg(feature = "net")]
 mod fit;
 pub mod fuse;
 mod geometric;
-#[cfg(feature = "net")]
 mod identity;
 pub mod input;
 pub mod maps;
 pub mod memory;
+mod method;
 pub mod options;
 pub mod output;
 pub mod photographs;
 pub mod plan;
-#[cfg(feature = "net")]
 mod prepared;
-#[cfg(feature = "net")]
 mod quality;
-#[cfg(feature = "net")]
 mod reconstruction;
 pub mod refine;
-#[cfg(feature = "net")]
 mod refinement;
 pub mod report;
 mod view_map;
-#[cfg(feature = "net")]
 pub mod weights;
 
-#[cfg(feature = "net")]
 pub use depth::{DepthJob, DepthMaps, DepthSummary, estimate};
 pub use error::VamvsError;
 pub use event::{Event, OnEvent, Pass};
@@ -57,15 +47,15 @@ pub use fuse::{FuseSummary, PartialFusion, fuse};
 pub use input::Input;
 pub use maps::Maps;
 pub use memory::MemoryLimit;
+pub use method::Method;
+#[cfg(feature = "net")]
+pub use method::NetworkMethod;
 pub use options::{DepthOptions, FusionOptions};
 pub use output::OutputFolder;
 pub use photographs::{PhotoSource, Photographs, Picture};
 pub use plan::{Plan, ViewPlan, plan};
-#[cfg(feature = "net")]
 pub use prepared::Prepared;
-#[cfg(feature = "net")]
 pub use quality::Quality;
-#[cfg(feature = "net")]
 pub use reconstruction::{Reconstructed, Reconstruction};
 
 pub use view_map::{ViewMap, fuse_in_memory};

@@ -122,24 +122,20 @@ pub fn resident_bytes() -> Option<u64> {
 }
 
 /// How the program's allocator returns free memory; of several calls the first counts.
-#[cfg(feature = "net")]
 static GIVE_BACK: OnceLock<fn()> = OnceLock::new();
 
 /// Sets how the program's allocator returns its free memory to the system, which is done when memory becomes scarce. Without
 /// it, glibc's heap returns its own, and with another allocator nothing happens. The first call counts.
-#[cfg(feature = "net")]
 pub fn set_give_back(give_back: fn()) {
     GIVE_BACK.get_or_init(|| give_back);
 }
 
 /// Returns the heap's free memory to the system (see [`set_give_back`]).
-#[cfg(feature = "net")]
 pub(crate) fn give_back() {
     GIVE_BACK.get_or_init(|| trim)();
 }
 
 /// Returns the free memory of glibc's heap.
-#[cfg(feature = "net")]
 fn trim() {
     // SAFETY: malloc_trim touches no block that is in use.
     #[cfg(all(target_os = "linux", target_env = "gnu"))]

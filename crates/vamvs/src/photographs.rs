@@ -92,7 +92,6 @@ impl Photographs {
     }
 
     /// Longer side to which photographs are reduced for refined depth maps, pixels.
-    #[cfg(feature = "net")]
     pub(crate) fn full_size(&self) -> usize {
         self.full_size
     }
@@ -104,13 +103,11 @@ impl Photographs {
     }
 
     /// Largest factor by which photographs are enlarged.
-    #[cfg(feature = "net")]
     pub(crate) fn enlarge(&self) -> f64 {
         self.enlarge
     }
 
     /// Grey values below and above which a pixel is backdrop.
-    #[cfg(feature = "net")]
     pub(crate) fn brightness(&self) -> [u8; 2] {
         self.brightness
     }
@@ -163,7 +160,6 @@ impl Photographs {
 
     /// The sizes and times of last change of a view's photograph and mask; `None` if they are not files or cannot be
     /// found.
-    #[cfg(feature = "net")]
     pub(crate) fn stamp(&self, view: &View) -> Option<String> {
         let Origin::Files { images, masks } = &self.origin else { return None };
         let stamp = |file: PathBuf| {

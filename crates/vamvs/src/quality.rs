@@ -1,6 +1,7 @@
 //! Presets that trade time for quality.
 
 use crate::DepthOptions;
+use crate::weights::NONE;
 
 /// A preset: a built-in network, sizes of photographs, and passes of refinement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -16,10 +17,11 @@ pub enum Quality {
 }
 
 impl Quality {
-    /// The name of the network.
+    /// The name of the network; `none` in a build without libtorch.
     #[must_use]
     pub fn weights(self) -> &'static str {
         match self {
+            _ if cfg!(not(feature = "net")) => NONE,
             Self::Draft => "vis-corr",
             Self::Normal | Self::Best => "vis-max",
         }

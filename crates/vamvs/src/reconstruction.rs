@@ -6,15 +6,13 @@ use std::sync::Arc;
 use vamvs_core::Scene;
 use vamvs_io::Loaded;
 use vamvs_io::masks::Masks;
-use vamvs_net::{Estimator, EstimatorOptions, open_device};
 
 use crate::depth::{DepthJob, DepthSummary};
 use crate::event::{OnEvent, tell};
-use crate::fit::NetworkMemory;
 use crate::photographs::Origin;
 use crate::{
-    DepthOptions, Event, ExportOptions, FuseSummary, FusionOptions, Maps, OutputFolder, PhotoSource,
-    Photographs, Prepared, Quality, VamvsError, fit, weights,
+    DepthOptions, Event, ExportOptions, FuseSummary, FusionOptions, Maps, Method, OutputFolder, PhotoSource,
+    Photographs, Prepared, Quality, VamvsError, fit,
 };
 
 /// A scene and the options of its reconstruction. Defaults are those of the `vamvs` command.
@@ -83,7 +81,7 @@ impl Reconstruction {
         }
     }
 
-    /// The network: the name of one that is built in, or a module's file.
+    /// The network: the name of one that is built in, a module's file, or `none` for a plane sweep without one.
     pub fn weights(self, weights: impl Into<PathBuf>) -> Self {
         Self { weights: Some(weights.into()), ..self }
     }
@@ -133,14 +131,13 @@ impl Reconstruction {
     /// another one that sees the same surfaces, or `on_event` breaks.
     pub fn prepare(self, on_event: &mut OnEvent<'_>) -> Result<Prepared, VamvsError> {
         self.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
-        let mut estimator = estimator(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
+        let mut method = Method::new(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
         let photographs = Photographs::of(self.origin, &self.depth);
-        let memory = NetworkMemory::of(estimator.network().device(), self.depth.max_memory);
-        let fitted = (&mut estimator, memory);
+        let memory = method.memory(self.depth.max_memory);
+        let fitted = (&mut method, memory);
         let (photographs, plan) =
             fit::fit_to_memory(&self.scene, &photographs, &self.depth, fitted, on_event)?;
-        let module = blake3::hash(&weights::bytes(self.weights.as_deref())?);
-        Ok(Prepared { scene: self.scene, photographs, plan, estimator, module, options: self.depth })
+        Ok(Prepared { scene: self.scene, photographs, plan, method, options: self.depth })
     }
 
     /// Makes the depth maps of all views and fuses them into `fused.ply`, both in the folder `out`. A run that was
@@ -160,20 +157,4 @@ impl Reconstruction {
         let fusion = crate::fuse(&maps, &cloud, &fusion, &exports, on_event)?;
         Ok(Reconstructed { depth, fusion, cloud })
     }
-}
-
-/// The estimator, with no more iterations than the options ask for.
-fn estimator(
-    weights: Option<&Path>,
-    device: Option<&str>,
-    depth: &DepthOptions,
-) -> Result<Estimator, VamvsError> {
-    let device = open_device(device.unwrap_or("auto"))?;
-    let mut network = weights::load(weights, device)?;
-    if let Some(coarse_stride) = depth.coarse_stride {
-        network.set_coarse_stride(coarse_stride)?;
-    }
-    let mut options = EstimatorOptions::of(&network);
-    options.iterations.truncate(depth.iterations.unwrap_or(usize::MAX));
-    Ok(Estimator::new(network, options)?)
 }

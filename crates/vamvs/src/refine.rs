@@ -5,7 +5,6 @@
 mod cache;
 mod run;
 
-#[cfg(feature = "net")]
 pub(crate) use cache::PhotoCache;
 
 use std::time::Duration;

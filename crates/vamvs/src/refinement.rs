@@ -124,7 +124,7 @@ impl<'a> Refinement<'a> {
 }
 
 /// The photograph with everything outside of a region masked.
-fn limited(photo: &Photo, [[x0, y0], [x1, y1]]: [[f64; 2]; 2]) -> Photo {
+pub(crate) fn limited(photo: &Photo, [[x0, y0], [x1, y1]]: [[f64; 2]; 2]) -> Photo {
     let size = photo.image.size();
     let inside = |at: usize, side: usize, first: f64, end: f64| {
         let centre = (at as f64 + 0.5) / side as f64;

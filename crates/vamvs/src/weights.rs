@@ -1,14 +1,22 @@
 //! Which network is used.
 
+#[cfg(feature = "net")]
 use std::borrow::Cow;
 use std::path::Path;
 
+#[cfg(feature = "net")]
 use vamvs_io::IoError;
+#[cfg(feature = "net")]
 use vamvs_net::{Device, Network};
 
+#[cfg(feature = "net")]
 use crate::{Quality, VamvsError};
 
+/// Stands for no network.
+pub(crate) const NONE: &str = "none";
+
 /// The networks that are built in, by name.
+#[cfg(feature = "net")]
 const BUILT_IN: [(&str, &[u8]); 3] = [
     ("vis-max", vamvs_weights::VIS_MAX),
     ("vis-corr", vamvs_weights::VIS_CORR),
@@ -16,6 +24,7 @@ const BUILT_IN: [(&str, &[u8]); 3] = [
 ];
 
 /// Where a network is.
+#[cfg(feature = "net")]
 enum Source<'a> {
     BuiltIn(&'static str, &'static [u8]),
     File(&'a Path),
@@ -26,6 +35,7 @@ enum Source<'a> {
 ///
 /// # Errors
 /// If the file is not a module of the contract.
+#[cfg(feature = "net")]
 pub fn load(weights: Option<&Path>, device: Device) -> Result<Network, VamvsError> {
     Ok(match source(weights) {
         Source::BuiltIn(name, bytes) => Network::from_reader(bytes, device, name)?,
@@ -37,6 +47,7 @@ pub fn load(weights: Option<&Path>, device: Device) -> Result<Network, VamvsErro
 ///
 /// # Errors
 /// If the file cannot be read.
+#[cfg(feature = "net")]
 pub fn bytes(weights: Option<&Path>) -> Result<Cow<'static, [u8]>, VamvsError> {
     match source(weights) {
         Source::BuiltIn(_, bytes) => Ok(bytes.into()),
@@ -48,25 +59,36 @@ pub fn bytes(weights: Option<&Path>) -> Result<Cow<'static, [u8]>, VamvsError> {
     }
 }
 
-/// Whether this is the name of a built-in network rather than a file.
+/// Whether this is the name of a built-in network, or `none`, rather than a file.
 #[must_use]
 pub fn is_built_in(weights: &Path) -> bool {
-    matches!(source(Some(weights)), Source::BuiltIn(..))
+    #[cfg(feature = "net")]
+    let is_network = matches!(source(Some(weights)), Source::BuiltIn(..));
+    #[cfg(not(feature = "net"))]
+    let is_network = false;
+    is_network || is_none(weights)
 }
 
+/// Whether this is `none`: no network is wanted.
+#[must_use]
+pub fn is_none(weights: &Path) -> bool {
+    weights == Path::new(NONE)
+}
+
+#[cfg(feature = "net")]
 fn source(weights: Option<&Path>) -> Source<'_> {
     let path = weights.unwrap_or(Path::new(Quality::default().weights()));
     let named = BUILT_IN.into_iter().find(|(name, _)| path == Path::new(name));
     named.map_or(Source::File(path), |(name, bytes)| Source::BuiltIn(name, bytes))
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "net"))]
 mod tests {
     use super::*;
 
     #[test]
     fn names_are_built_in_and_paths_are_files() {
-        assert!(is_built_in(Path::new("vis-max")) && is_built_in(Path::new("photometric")));
+        assert!(is_built_in(Path::new("vis-max")) && is_built_in(Path::new("none")));
         assert!(!is_built_in(Path::new("./vis-max")) && !is_built_in(Path::new("vis-max.pt")));
         let normal = Quality::Normal.weights();
         assert_eq!(bytes(None).unwrap(), bytes(Some(Path::new(normal))).unwrap());

@@ -5,10 +5,8 @@ use std::num::NonZeroUsize;
 use clap::{Args, ValueEnum};
 use vamvs::core::Part;
 
-#[cfg(feature = "net")]
 use super::{DepthArguments, ReconstructArguments};
 
-#[cfg(feature = "net")]
 pub const EXAMPLES: &str = "\
 Example:
   vamvs tasks --colmap sparse/0 --images images --out out --batch 16 > tasks.jsonl
@@ -18,7 +16,6 @@ sees the photographs and --out at the same paths, once the tasks it depends on a
 nothing. The cloud is byte for byte that of `vamvs reconstruct`.";
 
 /// `tasks`.
-#[cfg(feature = "net")]
 #[derive(Debug, Args)]
 pub struct TasksArguments {
     /// What is reconstructed, and how.
@@ -30,7 +27,6 @@ pub struct TasksArguments {
 }
 
 /// `depth`.
-#[cfg(feature = "net")]
 #[derive(Debug, Args)]
 pub struct DepthCommand {
     /// Depth estimation.
@@ -42,7 +38,6 @@ pub struct DepthCommand {
 }
 
 /// One step of depth estimation.
-#[cfg(feature = "net")]
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Many machines")]
 pub struct DepthStepFlags {
@@ -58,7 +53,6 @@ pub struct DepthStepFlags {
 }
 
 /// A step of depth estimation.
-#[cfg(feature = "net")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum DepthTask {
     /// The network, and the refinement by photographs alone, for a part of the views.

@@ -1,12 +1,12 @@
 //! `vamvs depth`: photographs and cameras to depth maps.
 
-use anyhow::{Context, Result, bail};
+use std::time::Duration;
+
+use anyhow::{Context, Result};
 use serde_json::json;
 use vamvs::core::Scene;
 use vamvs::depth::{DepthJob, DepthStep, collect, estimate_part};
 use vamvs::io::masks::Masks;
-use vamvs::net::device::device_name;
-use vamvs::net::{EstimatorOptions, Stage};
 use vamvs::{DepthSummary, OutputFolder, Plan, Prepared, ViewPlan};
 
 use crate::arguments::{DepthArguments, DepthCommand, DepthStepFlags, DepthTask};
@@ -89,15 +89,13 @@ fn with_job(
     Ok(summary)
 }
 
-/// The scene, the network and the plan for depth maps that go to `out`.
+/// The scene, the method and the plan for depth maps that go to `out`.
 pub fn prepared(settings: &Settings, out: &OutputFolder, progress: &Progress) -> Result<Prepared> {
     let loaded = settings.input.scene()?.load()?;
     out.expect_apart(settings.input.cams.as_deref())?;
     let inputs = settings.input.given().chain([loaded.images.as_path()]);
     settings.export.expect_apart(out.root(), inputs)?;
-    let work = settings.reconstruction(loaded)?.prepare(&mut |event| progress.show(event))?;
-    expect_iterations(&work, settings.depth.iterations)?;
-    Ok(work)
+    Ok(settings.reconstruction(loaded)?.prepare(&mut |event| progress.show(event))?)
 }
 
 /// Makes the output folder and keeps the settings in it.
@@ -106,23 +104,9 @@ pub fn begin(job: &DepthJob<'_>, settings: &Settings) -> Result<()> {
     settings.absolute()?.save(&job.output.root().join("run.toml"))
 }
 
-/// Refuses to run fewer iterations than the user asked for.
-fn expect_iterations(work: &Prepared, wanted: Option<usize>) -> Result<()> {
-    let network = work.estimator.network();
-    let available = EstimatorOptions::of(network).iterations.len();
-    match wanted {
-        Some(wanted) if wanted > available => bail!(
-            "{wanted} iterations are asked for, but the network {} has {available} (--iterations)",
-            network.manifest().name
-        ),
-        _ => Ok(()),
-    }
-}
-
-/// Prints the network, the masks and the plan.
+/// Prints the method, the masks and the plan.
 fn say_work(work: &Prepared, progress: &Progress) {
-    let network = work.estimator.network();
-    progress.say(&format!("network {} on {}", network.manifest().name, device_name(network.device())));
+    progress.say(&work.method.name());
     say_masks(work.photographs.masks(), &work.scene, progress);
     say_plan(&work.scene, &work.plan, progress);
 }
@@ -169,20 +153,32 @@ fn say_summary(summary: &DepthSummary, progress: &Progress) {
 
 /// The summary for scripts.
 pub fn as_json(summary: &DepthSummary) -> serde_json::Value {
-    let stages = Stage::ALL.map(|stage| {
-        (format!("{stage:?}").to_lowercase(), summary.profile.spent(stage).as_secs_f64().into())
-    });
-    let files = [
+    let others = [
+        ("plane-sweep", summary.sweeping),
         ("read", summary.reading),
         ("refine", summary.refining),
         ("refine-again", summary.refining_again),
         ("write", summary.writing),
     ];
-    let files = files.map(|(name, time)| (name.to_owned(), time.as_secs_f64().into()));
+    let times = stages(summary).into_iter().chain(others.map(|(name, time)| (name.to_owned(), time)));
+    let seconds = times.map(|(name, time)| (name, time.as_secs_f64().into()));
     json!({
         "made": summary.made,
         "resumed": summary.resumed,
         "skipped": summary.skipped,
-        "seconds": serde_json::Map::from_iter(stages.into_iter().chain(files)),
+        "seconds": serde_json::Map::from_iter(seconds),
     })
+}
+
+/// The stages of the network, with the time that each took.
+#[cfg(feature = "net")]
+pub fn stages(summary: &DepthSummary) -> Vec<(String, Duration)> {
+    let of = |stage| (format!("{stage:?}").to_lowercase(), summary.profile.spent(stage));
+    vamvs::net::Stage::ALL.map(of).into()
+}
+
+/// The stages of the network, of which this build has none.
+#[cfg(not(feature = "net"))]
+pub fn stages(_: &DepthSummary) -> Vec<(String, Duration)> {
+    Vec::new()
 }

@@ -2,18 +2,15 @@
 
 #[cfg(feature = "net")]
 mod calibrate;
-#[cfg(feature = "net")]
-mod depth;
+pub mod depth;
 mod eval;
 mod fuse;
 mod info;
 mod manual;
-#[cfg(feature = "net")]
 mod reconstruct;
 mod refine;
 mod report;
 mod synth;
-#[cfg(feature = "net")]
 mod tasks;
 #[cfg(feature = "net")]
 mod train;
@@ -26,11 +23,8 @@ use crate::arguments::{Arguments, Command, CommonFlags};
 /// Runs a command.
 pub fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.command {
-        #[cfg(feature = "net")]
         Command::Reconstruct(arguments) => reconstruct::run(arguments),
-        #[cfg(feature = "net")]
         Command::Depth(arguments) => depth::run(arguments),
-        #[cfg(feature = "net")]
         Command::Tasks(arguments) => tasks::run(arguments),
         Command::Refine(arguments) => refine::run(arguments),
         Command::Fuse(arguments) => fuse::run(arguments),

@@ -108,7 +108,7 @@ impl Graph<'_> {
             self.work.photographs.folder().map(|folder| folder.join(&self.work.scene.views[*view].name))
         };
         let inputs = self.with_sources(own).iter().filter_map(photograph).collect();
-        let gpu = self.work.estimator.network().device().is_cuda();
+        let gpu = self.work.method.is_on_gpu();
         Task { inputs, gpu, ..self.depth_step(DepthStep::Photometric, part) }
     }
 

@@ -55,7 +55,7 @@ impl Maker<'_> {
         tell(on_event, Event::Warning(text))?;
         self.features.clear();
         let photographs = work.photographs.reduced_to(half);
-        let smaller = FeatureCache::new(&work.scene, photographs, work.estimator.network(), 0);
+        let smaller = FeatureCache::new(&work.scene, photographs, &work.method, 0);
         let whole = std::mem::replace(&mut self.features, smaller);
         let made = self.make_once(view, plan, on_event);
         self.features = whole;

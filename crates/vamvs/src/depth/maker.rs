@@ -6,14 +6,14 @@ use std::rc::Rc;
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Planes, Rgb};
 use vamvs_io::image;
-use vamvs_net::{EncodedView, Profile};
 use vamvs_refine::Refined;
 
-use super::region::{covered, placed, remove_masked, rescaled, unmasked, widened};
+use super::region::{covered, remove_masked, rescaled, unmasked};
 use crate::ceiling::Ceiling;
 use crate::event::{OnEvent, tell};
 use crate::feature_cache::{Encoded, FeatureCache};
-use crate::fit::{NetworkMemory, most_bytes};
+use crate::fit::most_bytes;
+use crate::method::{Clock, Estimated, Task};
 use crate::output::LoadedMap;
 use crate::photographs::working_cameras;
 use crate::refinement::{BYTES_PER_PIXEL, Refinement, Seed, shares};
@@ -30,8 +30,8 @@ pub(super) struct Maker<'a> {
     pub work: &'a Prepared,
     pub features: FeatureCache<'a>,
     pub refinement: Option<Refinement<'a>>,
-    /// Where the network's time went.
-    pub profile: Profile,
+    /// Where the method's time went.
+    pub clock: Clock,
     pub ceiling: Ceiling,
     /// Views whose photographs cannot be used, with the reason.
     unusable: BTreeMap<usize, String>,
@@ -42,7 +42,7 @@ pub(super) struct Made {
     pub maps: Vec<MadeMap>,
     /// The plan with the source views that could be used.
     pub plan: ViewPlan,
-    /// Largest longer side of the photographs that the network saw, pixels.
+    /// Largest longer side of the photographs that the method saw, pixels.
     pub network_size: usize,
 }
 
@@ -66,7 +66,7 @@ impl Prepared {
         let coarser = |scale: &usize| format!("{name}@{scale}");
         match &self.plan.views[view] {
             Ok(ViewPlan { foveated: true, region, .. }) => {
-                let scales = self.estimator.scales();
+                let scales = self.method.scales();
                 let (finest, coarse) = scales.split_last().expect("the coarse stage has a scale");
                 match region {
                     Some(_) => coarse.iter().map(coarser).chain([name.to_owned()]).collect(),
@@ -90,20 +90,20 @@ impl Prepared {
 
 impl<'a> Maker<'a> {
     pub fn new(work: &'a Prepared) -> Self {
-        let (limit, device) = (work.options.max_memory, work.estimator.network().device());
-        let memory = NetworkMemory::of(device, limit);
-        let for_network = most_bytes(&work.plan, &work.estimator);
-        let for_maps = memory.in_process(for_network).max(work.refinement_bytes());
+        let limit = work.options.max_memory;
+        let memory = work.method.memory(limit);
+        let for_method = most_bytes(&work.plan, &work.method);
+        let for_maps = memory.in_process(for_method).max(work.refinement_bytes());
         // Features are where the network is. In the process refinement needs room beside them.
-        let for_others = for_network.max(memory.in_process(for_maps));
+        let for_others = for_method.max(memory.in_process(for_maps));
         let capacity = usize::try_from(memory.free().saturating_sub(for_others)).unwrap_or(usize::MAX);
         let (scene, photographs) = (&work.scene, &work.photographs);
         let two_passes = work.has_two_passes();
         Self {
             work,
-            features: FeatureCache::new(scene, photographs.clone(), work.estimator.network(), capacity),
+            features: FeatureCache::new(scene, photographs.clone(), &work.method, capacity),
             refinement: work.options.refine.then(|| Refinement::new(scene, photographs, two_passes)),
-            profile: Profile::on(device),
+            clock: work.method.clock(),
             ceiling: Ceiling::new(limit, for_maps),
             unusable: BTreeMap::new(),
         }
@@ -134,8 +134,8 @@ impl<'a> Maker<'a> {
         Ok(refined_map(refinement.refine_again(view, &plan.sources, first)?))
     }
 
-    /// Drops all features; the network is not needed any more.
-    pub fn end_network(&mut self) {
+    /// Drops all features; the method is not needed any more.
+    pub fn end_method(&mut self) {
         self.features.clear();
         memory::give_back();
     }
@@ -199,7 +199,7 @@ impl<'a> Maker<'a> {
         if let Some(reason) = self.unusable.get(&view) {
             return Err(VamvsError::Request(reason.clone()));
         }
-        let encoded = self.features.get(view, &mut self.profile, on_event);
+        let encoded = self.features.get(view, &mut self.clock, on_event);
         if let Err(error) = &encoded
             && !error.ends_run()
         {
@@ -213,26 +213,11 @@ impl<'a> Maker<'a> {
         reference: &Encoded,
         sources: &[Rc<Encoded>],
         (plan, region): (&ViewPlan, Option<PixelBox>),
-    ) -> Result<(Vec<DepthMap>, Vec<Grid<f32>>), VamvsError> {
-        let (estimator, planes, profile) = (&self.work.estimator, &plan.planes, &mut self.profile);
-        let sources: Vec<&EncodedView> = sources.iter().map(|source| &source.features).collect();
+    ) -> Result<Estimated, VamvsError> {
+        let sources: Vec<&Encoded> = sources.iter().map(Rc::as_ref).collect();
+        let task = Task { reference, sources: &sources, plan, region };
+        let (mut maps, visibility) = self.work.method.estimate(&task, &mut self.clock)?;
         let photo = &reference.photo;
-        let mut visibility = Vec::new();
-        let mut maps = match region {
-            _ if plan.foveated => {
-                estimator.estimate_foveated(&reference.features, &sources, planes, region, profile)?
-            }
-            None => {
-                let (map, seen) = estimator.estimate_seen(&reference.features, &sources, planes, profile)?;
-                visibility = seen;
-                vec![map]
-            }
-            Some(region) => {
-                let (part, place) = reference.features.cropped(&widened(region, photo.camera.size))?;
-                let map = estimator.estimate(&part, &sources, planes, profile)?;
-                vec![placed(&map, photo.camera, place, region)]
-            }
-        };
         if let Some(mask) = &photo.mask {
             maps.iter_mut().for_each(|map| remove_masked(map, mask, map.scale_in(&photo.camera)));
         }

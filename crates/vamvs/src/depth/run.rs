@@ -190,10 +190,9 @@ impl<'a> Run<'a> {
             made_of: self.identity.of(view, plan, &photographs, refined),
             planes: Some(plan.planes),
             sources: used.iter().map(|&source| self.names[source].clone()).collect(),
-            confidence: match self.work.estimator.calibration() {
-                _ if refined.is_some() => ConfidenceKind::Refined,
-                Some(map) => ConfidenceKind::Calibrated(map.clone()),
-                None => ConfidenceKind::Probability,
+            confidence: match refined {
+                Some(_) => ConfidenceKind::Refined,
+                None => self.work.method.confidence(),
             },
             photograph: self.identity.photograph(view, &photographs),
         }
@@ -228,7 +227,9 @@ impl<'a> Run<'a> {
     /// The summary with all times.
     pub fn timed(self) -> DepthSummary {
         let Self { mut summary, maker, .. } = self;
-        summary.profile = maker.profile;
+        summary.sweeping = maker.clock.sweeping;
+        #[cfg(feature = "net")]
+        summary.profile.clone_from(&maker.clock.profile);
         summary.reading += maker.features.reading;
         if let Some(refinement) = &maker.refinement {
             summary.reading += refinement.reading;

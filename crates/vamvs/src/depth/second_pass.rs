@@ -45,7 +45,7 @@ impl Run<'_> {
         views: &BTreeSet<usize>,
         on_event: &mut OnEvent<'_>,
     ) -> Result<(), VamvsError> {
-        self.maker.end_network();
+        self.maker.end_method();
         let views: Vec<usize> =
             views.iter().copied().filter(|&view| self.work.plan.views[view].is_ok()).collect();
         let total = views.len();

@@ -1,0 +1,211 @@
+//! How the depth is estimated from which refinement starts: by a network, or by a plane sweep without one.
+
+#[cfg(feature = "net")]
+mod network;
+#[cfg(feature = "net")]
+mod part;
+mod plane_sweep;
+
+use std::path::Path;
+use std::time::Duration;
+
+use vamvs_core::roi::PixelBox;
+use vamvs_core::{DepthMap, Grid, Photo, Size};
+
+#[cfg(feature = "net")]
+pub use network::NetworkMethod;
+
+use crate::feature_cache::Encoded;
+use crate::fit::MethodMemory;
+use crate::output::ConfidenceKind;
+use crate::{DepthOptions, MemoryLimit, VamvsError, ViewPlan, weights};
+
+/// How the first depth map of a view is made.
+pub enum Method {
+    /// By a network.
+    #[cfg(feature = "net")]
+    Network(Box<NetworkMethod>),
+    /// By a plane sweep over the photographs, with semi-global matching: `--weights none`. It needs no libtorch.
+    PlaneSweep,
+}
+
+/// What a method keeps of a photograph beside its pixels.
+pub(crate) enum Features {
+    /// Features of the network.
+    #[cfg(feature = "net")]
+    Network(Box<vamvs_net::EncodedView>),
+    /// Nothing.
+    None,
+}
+
+/// Where the time of a method went.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Clock {
+    /// Stages of the network.
+    #[cfg(feature = "net")]
+    pub profile: vamvs_net::Profile,
+    /// The plane sweep without a network.
+    pub sweeping: Duration,
+}
+
+/// A reference view, its source views, and what is wanted of them.
+pub(crate) struct Task<'a> {
+    pub reference: &'a Encoded,
+    pub sources: &'a [&'a Encoded],
+    pub plan: &'a ViewPlan,
+    /// The part of the photograph in which depth is wanted; `None` for all of it.
+    pub region: Option<PixelBox>,
+}
+
+/// Depth maps of a view, the coarsest first, and how likely each source view sees each pixel, as far as the method tells.
+pub(crate) type Estimated = (Vec<DepthMap>, Vec<Grid<f32>>);
+
+impl Method {
+    /// The network named `weights` (see [`weights`]) on a device, or the plane sweep for `none`.
+    ///
+    /// # Errors
+    /// If the module is invalid, the device does not exist, or the method cannot do what the options ask for.
+    pub fn new(
+        weights: Option<&Path>,
+        device: Option<&str>,
+        options: &DepthOptions,
+    ) -> Result<Self, VamvsError> {
+        if weights.is_some_and(weights::is_none) || (cfg!(not(feature = "net")) && weights.is_none()) {
+            return plane_sweep::check(options).map(|()| Self::PlaneSweep);
+        }
+        #[cfg(feature = "net")]
+        return Ok(Self::Network(Box::new(NetworkMethod::new(weights, device, options)?)));
+        #[cfg(not(feature = "net"))]
+        Err(VamvsError::Request(format!(
+            "this vamvs was built without libtorch and has no networks: expected --weights none, found {}{}",
+            weights.unwrap_or(Path::new("")).display(),
+            device.map_or(String::new(), |device| format!(" on {device}")),
+        )))
+    }
+
+    /// What it is, to display: `network vis-max on cpu`.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.name(),
+            Self::PlaneSweep => "plane sweep, without a network".to_owned(),
+        }
+    }
+
+    /// Whether it runs on a GPU.
+    #[must_use]
+    pub fn is_on_gpu(&self) -> bool {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.device().is_cuda(),
+            Self::PlaneSweep => false,
+        }
+    }
+
+    /// Distance between neighbouring planes in the source views, pixels of the photographs.
+    pub(crate) fn plane_step(&self) -> f64 {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.plane_step(),
+            Self::PlaneSweep => plane_sweep::PLANE_STEP,
+        }
+    }
+
+    /// The strides of a foveated depth map, the coarsest first.
+    pub(crate) fn scales(&self) -> Vec<usize> {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.estimator.scales(),
+            Self::PlaneSweep => vec![vamvs_refine::SWEEP_STRIDE],
+        }
+    }
+
+    /// All that decides its depth maps beside plan and photographs.
+    pub(crate) fn identity(&self) -> String {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.identity(),
+            Self::PlaneSweep => "plane sweep 1".to_owned(),
+        }
+    }
+
+    /// What its confidence is.
+    pub(crate) fn confidence(&self) -> ConfidenceKind {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.confidence(),
+            Self::PlaneSweep => ConfidenceKind::Unknown,
+        }
+    }
+
+    /// The memory that it works in.
+    pub(crate) fn memory(&self, limit: MemoryLimit) -> MethodMemory {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.memory(limit),
+            Self::PlaneSweep => MethodMemory::of_process(limit),
+        }
+    }
+
+    /// What a depth map takes at its peak, bytes.
+    pub(crate) fn peak_bytes(&self, photograph: Size, views: usize, planes: usize) -> u64 {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.estimator.peak_bytes(photograph, views, planes) as u64,
+            Self::PlaneSweep => plane_sweep::peak_bytes(photograph, views, planes),
+        }
+    }
+
+    /// Makes depth maps in pieces smaller by `factor`, so that they take less memory; the result is the same.
+    pub(crate) fn use_smaller_pieces(&mut self, factor: usize) {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.use_smaller_pieces(factor),
+            Self::PlaneSweep => {
+                let _ = factor;
+            }
+        }
+    }
+
+    /// A clock that measures this method.
+    pub(crate) fn clock(&self) -> Clock {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => Clock { profile: network.profile(), ..Clock::default() },
+            Self::PlaneSweep => Clock::default(),
+        }
+    }
+
+    /// What the method keeps of a photograph.
+    pub(crate) fn encode(&self, photo: &Photo, clock: &mut Clock) -> Result<Features, VamvsError> {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.encode(photo, clock),
+            Self::PlaneSweep => {
+                let _ = (photo, clock);
+                Ok(Features::None)
+            }
+        }
+    }
+
+    /// The depth maps of a view.
+    pub(crate) fn estimate(&self, task: &Task<'_>, clock: &mut Clock) -> Result<Estimated, VamvsError> {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.estimate(task, clock),
+            Self::PlaneSweep => plane_sweep::estimate(task, clock),
+        }
+    }
+}
+
+impl Features {
+    /// The memory that they take, bytes.
+    pub fn bytes(&self) -> usize {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(features) => features.bytes(),
+            Self::None => 0,
+        }
+    }
+}

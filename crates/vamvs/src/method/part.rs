@@ -1,0 +1,44 @@
+//! A network's depth map of a part of an image.
+
+use vamvs_core::roi::PixelBox;
+use vamvs_core::{DepthMap, Grid, Pinhole, Size};
+
+/// Pixels around a region of interest that are computed too, so that its border has neighbours.
+const REGION_MARGIN: usize = 32;
+
+/// The region with a margin, inside the image.
+pub fn widened(region: PixelBox, size: Size) -> PixelBox {
+    PixelBox {
+        x0: region.x0.saturating_sub(REGION_MARGIN),
+        y0: region.y0.saturating_sub(REGION_MARGIN),
+        x1: (region.x1 + REGION_MARGIN).min(size.width),
+        y1: (region.y1 + REGION_MARGIN).min(size.height),
+    }
+}
+
+/// A depth map of the whole image with the map of a part pasted at its place, without depth outside
+/// of `region`.
+pub fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBox) -> DepthMap {
+    let scale = part.scale_in(&camera);
+    let size = Size::new(camera.size.width / scale, camera.size.height / scale);
+    let ratio = 1.0 / scale as f64;
+    let inside = |x: usize, y: usize| {
+        let centre = |at: usize| at * scale + scale / 2;
+        (region.x0..region.x1).contains(&centre(x)) && (region.y0..region.y1).contains(&centre(y))
+    };
+    let paste = |values: &Grid<f32>| {
+        Grid::from_fn(size, |x, y| {
+            let local = |at: usize, first: usize| at.checked_sub(first / scale);
+            let (x_in_part, y_in_part) = (local(x, place.x0), local(y, place.y0));
+            let value = x_in_part.zip(y_in_part).and_then(|(x, y)| values.get(x, y).copied());
+            value.filter(|_| inside(x, y)).unwrap_or(0.0)
+        })
+    };
+    DepthMap {
+        camera: Pinhole { size, intrinsics: camera.intrinsics.scaled(ratio, ratio) },
+        cam_from_world: part.cam_from_world,
+        depth: paste(&part.depth),
+        confidence: paste(&part.confidence),
+        coarse_confidence: part.coarse_confidence.as_ref().map(paste),
+    }
+}
