@@ -17,6 +17,6 @@ mod report;
 mod resume;
 mod scene;
 mod synth;
-#[cfg(feature = "net")]
 mod tasks;
 mod terminal;
+mod without_network;

@@ -32,13 +32,11 @@ impl Scene {
     }
 
     /// `vamvs COMMAND --cams … --images … --out …` with more arguments.
-    #[cfg(feature = "net")]
     pub fn command(&self, command: &str, arguments: &[&str]) -> Command {
         self.command_to(&self.out(), command, arguments)
     }
 
     /// The same with another output folder.
-    #[cfg(feature = "net")]
     pub fn command_to(&self, out: &Path, command: &str, arguments: &[&str]) -> Command {
         let mut run = vamvs();
         run.arg(command).arg("--cams").arg(self.path("cams")).arg("--images").arg(self.path("images"));
@@ -46,13 +44,11 @@ impl Scene {
         run
     }
 
-    #[cfg(feature = "net")]
     pub fn run(&self, command: &str, arguments: &[&str]) -> Output {
         self.command(command, arguments).output().unwrap()
     }
 
     /// Runs a command that must fail with exit code 1 and gives what it says.
-    #[cfg(feature = "net")]
     pub fn error(&self, command: &str, arguments: &[&str]) -> String {
         error_of(&self.run(command, arguments))
     }

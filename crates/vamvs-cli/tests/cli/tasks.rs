@@ -7,7 +7,10 @@ use serde_json::Value;
 
 use crate::scene::{Scene, content, error_of, expect_success, stderr, truncate, vamvs, write};
 
-const WEIGHTS: [&str; 5] = ["--weights", "vis-corr", "--planes", "24", "--quiet"];
+/// A network, where there are any.
+const METHOD: &str = if cfg!(feature = "net") { "vis-corr" } else { "none" };
+
+const WEIGHTS: [&str; 5] = ["--weights", METHOD, "--planes", "24", "--quiet"];
 
 /// The tasks of a scene, of two views each.
 fn tasks(scene: &Scene) -> Vec<Value> {
