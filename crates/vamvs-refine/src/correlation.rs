@@ -4,38 +4,92 @@ use crate::isa::for_each_isa;
 use crate::luminance::Quads;
 use crate::sampling::{at_least, sample};
 use crate::transfer::Affine;
-use crate::window::{LANES, Window, sum_lanes};
+use crate::window::{LANES, TEXELS, Texels, Window, sum_lanes};
+
+/// Source views whose correlations are computed together.
+pub(crate) const TOGETHER: usize = 4;
+
+/// A source image and the window's warp into it; `None` if the pixel projects outside of it, or there is no view.
+pub(crate) type Place<'a> = Option<(&'a Quads, Affine)>;
 
 for_each_isa! {
-    /// The correlation, −1 to 1, of the window with the source image under the warp. The square of `noise`, grey
-    /// values, is added to both variances, so that the correlation of a textureless window is near 0. The border
-    /// of the source image is replicated.
-    pub(crate) fn correlation(window: &Window, source: &Quads, warp: &Affine, noise: f32) -> f32 = correlate
+    /// The correlations, −1 to 1, of the window with source images under their warps; 0 outside of an image. The
+    /// square of `noise`, grey values, is added to both variances, so that the correlation of a textureless window is
+    /// near 0. The border of a source image is replicated.
+    pub(crate) fn correlations(window: &Window, places: &[Place<'_>; TOGETHER], noise: f32) -> [f32; TOGETHER] = correlate
 }
 
 #[inline(always)]
-fn correlate<const N: usize>(window: &Window, source: &Quads, warp: &Affine, noise: f32) -> f32 {
-    let (mut first, mut second, mut product) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for part in (0..LANES).step_by(N) {
-        let (mut firsts, mut seconds, mut products) = ([0.0; N], [0.0; N], [0.0; N]);
-        for begin in [part, part + LANES] {
-            let values = sample::<N>(source, warp, begin).values(window.mean);
-            let (weights, centred) = (&window.weights[begin..begin + N], &window.centred[begin..begin + N]);
-            for i in 0..N {
-                let weighted = weights[i] * values[i];
-                firsts[i] += weighted;
-                seconds[i] = weighted.mul_add(values[i], seconds[i]);
-                products[i] = centred[i].mul_add(values[i], products[i]);
-            }
+fn correlate<const N: usize>(window: &Window, places: &[Place<'_>; TOGETHER], noise: f32) -> [f32; TOGETHER] {
+    let (mut mean, mut second, mut product) = ([0.0; TOGETHER], [0.0; TOGETHER], [0.0; TOGETHER]);
+    for (i, place) in places.iter().enumerate() {
+        let Some((source, warp)) = place else { continue };
+        let mut values = [0.0; TEXELS];
+        for begin in (0..TEXELS).step_by(N) {
+            values[begin..begin + N].copy_from_slice(&sample::<N>(source, warp, begin).values(window.mean));
         }
-        first[part..part + N].copy_from_slice(&firsts);
-        second[part..part + N].copy_from_slice(&seconds);
-        product[part..part + N].copy_from_slice(&products);
+        [mean[i], second[i], product[i]] = moments::<N>(window, &values);
     }
-    let mean = sum_lanes(&first);
-    let variance = at_least(sum_lanes(&second) - mean * mean, 0.0);
     let floor = noise * noise;
-    sum_lanes(&product) / ((window.variance + floor) * (variance + floor)).sqrt()
+    let mut found = [0.0; TOGETHER];
+    for i in 0..TOGETHER {
+        let variance = at_least(second[i] - mean[i] * mean[i], 0.0);
+        found[i] = product[i] / ((window.variance + floor) * (variance + floor)).sqrt();
+    }
+    found
+}
+
+/// The weighted sums of the values, of their squares, and of their products with the window's own.
+#[inline(always)]
+fn moments<const N: usize>(window: &Window, values: &Texels) -> [f32; 3] {
+    #[cfg(target_arch = "x86_64")]
+    if N == 16 {
+        // SAFETY: vectors have 16 values only where the processor has AVX-512.
+        return unsafe { moments_avx512(window, values) };
+    }
+    let (mut first, mut second, mut product) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for begin in [0, LANES] {
+        for lane in 0..LANES {
+            let (weight, value) = (window.weights[begin + lane], values[begin + lane]);
+            let weighted = weight * value;
+            first[lane] += weighted;
+            second[lane] = weighted.mul_add(value, second[lane]);
+            product[lane] = window.centred[begin + lane].mul_add(value, product[lane]);
+        }
+    }
+    [sum_lanes(&first), sum_lanes(&second), sum_lanes(&product)]
+}
+
+/// The same sums in the same order. Compilers split the plain loop into vectors of four, as the sums end in four.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,fma")]
+#[inline]
+fn moments_avx512(window: &Window, values: &Texels) -> [f32; 3] {
+    use std::arch::x86_64::{
+        __m128, __m512, _mm_add_ps, _mm_cvtss_f32, _mm_movehl_ps, _mm_shuffle_ps, _mm256_add_ps,
+        _mm256_castps256_ps128, _mm256_extractf128_ps, _mm512_add_ps, _mm512_castps512_ps256,
+        _mm512_extractf32x8_ps, _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_mul_ps,
+    };
+    let load = |values: &Texels, begin: usize| {
+        let part: &[f32; LANES] = values[begin..begin + LANES].try_into().expect("it has that many");
+        // SAFETY: sixteen values are read from an array of sixteen.
+        unsafe { _mm512_loadu_ps(part.as_ptr()) }
+    };
+    // The sum as of `sum_lanes`, in the first two of four values.
+    let halved = |sum: __m512| -> __m128 {
+        let eight = _mm256_add_ps(_mm512_castps512_ps256(sum), _mm512_extractf32x8_ps::<1>(sum));
+        let four = _mm_add_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight));
+        _mm_add_ps(four, _mm_movehl_ps(four, four))
+    };
+    let (low, high) = (load(values, 0), load(values, LANES));
+    let (near, far) = (load(&window.weights, 0), load(&window.weights, LANES));
+    let (near, far) = (_mm512_mul_ps(near, low), _mm512_mul_ps(far, high));
+    let first = _mm512_add_ps(near, far);
+    let second = _mm512_fmadd_ps(far, high, _mm512_mul_ps(near, low));
+    let product = _mm512_mul_ps(load(&window.centred, 0), low);
+    let product = _mm512_fmadd_ps(load(&window.centred, LANES), high, product);
+    let sum = |halves: __m128| _mm_cvtss_f32(_mm_add_ps(halves, _mm_shuffle_ps::<1>(halves, halves)));
+    [sum(halved(first)), sum(halved(second)), sum(halved(product))]
 }
 
 #[cfg(test)]
@@ -43,10 +97,16 @@ mod tests {
     use super::*;
     use crate::isa::Isa;
     use crate::luminance::Padded;
-    use crate::window::{self, OFFSETS, TEXELS};
+    use crate::window::{self, OFFSETS};
     use vamvs_core::{Grid, Size};
 
     const NOISE: f32 = 1.5;
+
+    fn correlation(window: &Window, source: &Quads, warp: &Affine, noise: f32, isa: Isa) -> f32 {
+        let found = correlations(window, &[None, Some((source, *warp)), None, None], noise, isa);
+        assert_eq!([found[0], found[2], found[3]], [0.0; 3]);
+        found[1]
+    }
 
     fn picture(seed: usize) -> Grid<u8> {
         Grid::from_fn(Size::new(70, 50), |x, y| {

@@ -17,7 +17,7 @@ use crate::window::{LANES, OFFSETS, Window, sum_lanes};
 pub(crate) struct Normal {
     pub matrix: Matrix3<f32>,
     pub vector: Vector3<f32>,
-    /// The correlation at the plane itself, as [`crate::correlation::correlation`] gives it.
+    /// The correlation at the plane itself, as [`crate::correlation::correlations`] gives it.
     pub correlation: f32,
 }
 
@@ -157,7 +157,8 @@ mod tests {
         let source = Quads::new(&picture(1.3, 1.1));
         let warp = Affine { u: 30.2, v: 25.1, ux: 1.1, uy: 0.1, vx: -0.1, vy: 0.9 };
         let own = normal(&window, &source, &warp, [1.0, 0.0], 1.5, Isa::Scalar).correlation;
-        let expected = crate::correlation::correlation(&window, &source, &warp, 1.5, Isa::Scalar);
-        assert!((own - expected).abs() < 1e-6);
+        let places = [Some((&source, warp)), None, None, None];
+        let expected = crate::correlation::correlations(&window, &places, 1.5, Isa::Scalar);
+        assert!((own - expected[0]).abs() < 1e-6);
     }
 }

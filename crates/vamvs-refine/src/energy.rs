@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::correlation::correlation;
+use crate::correlation::{Place, TOGETHER, correlations};
 use crate::descent::{Normal, normal};
 use crate::geometry::Seen;
 use crate::matcher::{Matcher, Pixel};
@@ -12,9 +12,6 @@ use crate::transfer::Affine;
 
 /// The energy of an impossible plane: behind a camera, or steeper than [`STEEPEST`].
 pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
-
-/// The correlation with a source view whose image does not contain the projection of the pixel.
-const OUTSIDE_CORRELATION: f32 = 0.0;
 
 /// The steepest plane, pixels of disparity per pixel.
 const STEEPEST: f32 = 1.2;
@@ -111,12 +108,8 @@ impl Pixel<'_> {
         let nothing = (0.0, Cost::default());
         let mut costs = Costs { values: [nothing; MOST_SOURCES], count: self.matcher.sources.len() };
         let known = rival.map_or(0, |rival| rival.best);
-        let mut sum = Cost::default();
-        for index in indices(known) {
-            costs.values[index] = self.cost(index, plane);
-            sum += costs.values[index].1;
-        }
         if let Some(rival) = rival {
+            let sum = self.costs(known, plane, &mut costs);
             let Cost { total, correlation } = sum.mean(known.count_ones() as usize);
             let energy = total + prior;
             if energy < rival.energy {
@@ -127,7 +120,7 @@ impl Pixel<'_> {
             }
         }
         let all = ((1_u32 << costs.count) - 1) as Views;
-        indices(all & !known).for_each(|index| costs.values[index] = self.cost(index, plane));
+        self.costs(all & !known, plane, &mut costs);
         let (Cost { total, correlation }, best) = costs.mean_of_best(self.matcher.options.views);
         Judged { energy: total + prior, correlation, best }
     }
@@ -142,8 +135,9 @@ impl Pixel<'_> {
         if !self.is_possible(plane) || views == 0 {
             return Judged::IMPOSSIBLE;
         }
-        let mut sum = Cost::default();
-        indices(views).for_each(|index| sum += self.cost(index, plane).1);
+        let nothing = (0.0, Cost::default());
+        let mut costs = Costs { values: [nothing; MOST_SOURCES], count: self.matcher.sources.len() };
+        let sum = self.costs(views, plane, &mut costs);
         let Cost { total, correlation } = sum.mean(views.count_ones() as usize);
         Judged { energy: total + self.prior_cost(plane.w), correlation, best: views }
     }
@@ -178,17 +172,41 @@ impl Pixel<'_> {
         (matrix, vector)
     }
 
-    /// A source's cost plus handicap, and its cost.
+    /// Evaluates a plane in some source views. Returns the sum of their costs.
     #[inline]
-    fn cost(&self, index: usize, plane: &Plane) -> (f32, Cost) {
-        let (Matcher { options, isa, .. }, source) = (self.matcher, &self.matcher.sources[index]);
-        let warp = source.transfer.affine(self.rays[index], plane);
-        let inside = warp.filter(|warp| source.quads.contains(warp.u, warp.v));
-        let correlation = inside.map_or(OUTSIDE_CORRELATION, |warp| {
-            correlation(&self.window, &source.quads, &warp, options.noise, *isa)
-        });
-        let total = 1.0 - correlation + self.geometric_cost(source, warp.as_ref());
-        (total + self.handicaps[index], Cost { total, correlation })
+    fn costs(&self, mut views: Views, plane: &Plane, costs: &mut Costs) -> Cost {
+        let mut sum = Cost::default();
+        while views != 0 {
+            let (mut some, mut count) = ([0; TOGETHER], 0);
+            for index in indices(views).take(TOGETHER) {
+                some[count] = index;
+                count += 1;
+                views &= views - 1;
+            }
+            sum += self.costs_of_some(&some[..count], plane, costs);
+        }
+        sum
+    }
+
+    /// As [`Pixel::costs`], for at most [`TOGETHER`] views.
+    #[inline]
+    fn costs_of_some(&self, views: &[usize], plane: &Plane, costs: &mut Costs) -> Cost {
+        let Matcher { options, isa, sources, .. } = self.matcher;
+        let (mut warps, mut places) = ([None; TOGETHER], [Place::None; TOGETHER]);
+        for (index, (warp, place)) in views.iter().zip(warps.iter_mut().zip(&mut places)) {
+            let Source { transfer, quads, .. } = &sources[*index];
+            *warp = transfer.affine(self.rays[*index], plane);
+            *place = warp.filter(|warp| quads.contains(warp.u, warp.v)).map(|warp| (quads, warp));
+        }
+        let found = correlations(&self.window, &places, options.noise, *isa);
+        let mut sum = Cost::default();
+        for ((index, correlation), warp) in views.iter().zip(found).zip(&warps) {
+            let total = 1.0 - correlation + self.geometric_cost(&sources[*index], warp.as_ref());
+            let cost = Cost { total, correlation };
+            costs.values[*index] = (total + self.handicaps[*index], cost);
+            sum += cost;
+        }
+        sum
     }
 
     #[inline]

@@ -21,7 +21,7 @@ pub(crate) fn sample<const N: usize>(source: &Quads, warp: &Affine, begin: usize
     let (words, size) = (source.words(), source.size());
     let (last_x, last_y) = ((size.width - 1) as f32, (size.height - 1) as f32);
     let (dx, dy) = (&OFFSETS.0[begin..begin + N], &OFFSETS.1[begin..begin + N]);
-    let (mut fx, mut fy, mut index) = ([0.0; N], [0.0; N], [0_u32; N]);
+    let (mut fx, mut fy, mut index) = ([0.0; N], [0.0; N], [0_i32; N]);
     // From image coordinates to coordinates whose integers are pixel centres.
     let (u, v) = (warp.u - 0.5, warp.v - 0.5);
     for i in 0..N {
@@ -32,12 +32,12 @@ pub(crate) fn sample<const N: usize>(source: &Quads, warp: &Affine, begin: usize
         let (column, row): (i32, i32) = unsafe { (x.to_int_unchecked(), y.to_int_unchecked()) };
         fx[i] = x - column as f32;
         fy[i] = y - row as f32;
-        index[i] = (row * size.width as i32 + column) as u32;
+        index[i] = row * size.width as i32 + column;
     }
     let mut quads = [0_u32; N];
     for i in 0..N {
         // SAFETY: the column is at most width − 1 and the row at most height − 1.
-        quads[i] = unsafe { *words.get_unchecked(index[i] as usize) };
+        quads[i] = unsafe { *words.as_ptr().offset(index[i] as isize) };
     }
     Samples { quads, fx, fy }
 }

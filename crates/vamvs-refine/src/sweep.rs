@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::field::{Colour, Field, State};
 use crate::matcher::{Matcher, Pixel};
 use crate::plane::Plane;
+use crate::source::MOST_SOURCES;
 
 /// The neighbours that propagate their planes, by direction. All of them have the other colour of the checkerboard.
 const DIRECTIONS: [[(i32, i32); 4]; 4] = [
@@ -93,14 +94,19 @@ fn propagate(pixel: &Pixel, other: Colour, place: (usize, usize), state: &mut St
     }
 }
 
-/// Takes the depth of a source view's own depth map if its energy is lower.
+/// Takes the depth of a source view's own depth map if its energy is lower. Of source views that have the same depth,
+/// one proposes it.
 fn from_sources(pixel: &Pixel, count: usize, state: &mut State) {
+    let (mut tried, mut most) = ([0.0; MOST_SOURCES], 0);
     for source in 0..count {
         let Some(seen) = pixel.seen_by(source, &state.plane) else { continue };
-        let plane = Plane { w: seen.w, ..state.plane };
-        if !same(&plane, &state.plane, pixel.step) {
-            consider(pixel, plane, state);
+        let near = |w: f32| (seen.w - w).abs() < SAME * pixel.step;
+        if near(state.plane.w) || tried[..most].iter().any(|&w| near(w)) {
+            continue;
         }
+        tried[most] = seen.w;
+        most += 1;
+        consider(pixel, Plane { w: seen.w, ..state.plane }, state);
     }
 }
 
