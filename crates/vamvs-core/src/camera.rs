@@ -3,6 +3,7 @@
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::roi::PixelBox;
 use crate::{Intrinsics, Lens, Size};
 
 /// A camera as calibrated: image size, intrinsics and lens.
@@ -52,6 +53,14 @@ impl Pinhole {
     #[must_use]
     pub fn resized(&self, size: Size) -> Self {
         Self { size, intrinsics: resized_intrinsics(&self.intrinsics, self.size, size) }
+    }
+
+    /// The camera of a part of the image.
+    #[must_use]
+    pub fn cropped(&self, part: PixelBox) -> Self {
+        let Intrinsics { fx, fy, cx, cy } = self.intrinsics;
+        let intrinsics = Intrinsics { fx, fy, cx: cx - part.x0 as f64, cy: cy - part.y0 as f64 };
+        Self { size: part.size(), intrinsics }
     }
 
     /// Image coordinates of a point in the camera's frame; `None` unless it is in front of the camera and inside

@@ -1,5 +1,6 @@
 //! A view's estimated depth.
 
+use crate::roi::PixelBox;
 use crate::{Grid, Pinhole, Pose};
 
 /// Depth and confidence of each pixel of a view, with the camera they belong to.
@@ -18,6 +19,18 @@ pub struct DepthMap {
 }
 
 impl DepthMap {
+    /// A part of the map.
+    #[must_use]
+    pub fn cropped(&self, part: PixelBox) -> Self {
+        Self {
+            camera: self.camera.cropped(part),
+            cam_from_world: self.cam_from_world,
+            depth: self.depth.cropped(part),
+            confidence: self.confidence.cropped(part),
+            coarse_confidence: self.coarse_confidence.as_ref().map(|confidence| confidence.cropped(part)),
+        }
+    }
+
     /// The ratio of the photograph's size to the map's, as a whole number. It is computed from the focal lengths,
     /// because the sizes are rounded.
     #[must_use]

@@ -4,6 +4,8 @@ use std::ops::{Index, IndexMut};
 
 use serde::{Deserialize, Serialize};
 
+use crate::roi::PixelBox;
+
 /// The size of a raster in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Size {
@@ -133,6 +135,13 @@ impl<T: Clone> Grid<T> {
     #[must_use]
     pub fn filled(size: Size, value: T) -> Self {
         Self { size, data: vec![value; size.area()] }
+    }
+
+    /// A part of the raster.
+    #[must_use]
+    pub fn cropped(&self, part: PixelBox) -> Self {
+        let rows = (part.y0..part.y1).flat_map(|y| self.row(y)[part.x0..part.x1].iter().cloned());
+        Self { size: part.size(), data: rows.collect() }
     }
 
     /// The raster resized to `size` by nearest-neighbour sampling at the new pixels' centres.

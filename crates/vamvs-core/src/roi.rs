@@ -4,7 +4,7 @@
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::{Grid, Pinhole, Pose};
+use crate::{Grid, Pinhole, Pose, Size};
 
 /// An axis-aligned box in the world, in scene units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,6 +56,18 @@ impl PixelBox {
             x1: a.x1.max(b.x1),
             y1: a.y1.max(b.y1),
         })
+    }
+
+    /// Its width and height.
+    #[must_use]
+    pub fn size(self) -> Size {
+        Size::new(self.x1 - self.x0, self.y1 - self.y0)
+    }
+
+    /// The same part of the image at 1/`factor` of its size.
+    #[must_use]
+    pub fn reduced(self, factor: usize) -> Self {
+        Self { x0: self.x0 / factor, y0: self.y0 / factor, x1: self.x1 / factor, y1: self.y1 / factor }
     }
 
     /// The intersection of two boxes; `None` if it is empty.

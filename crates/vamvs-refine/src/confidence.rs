@@ -1,6 +1,6 @@
 //! The confidence of a refined depth: how likely it is right.
 
-use crate::Features;
+use crate::refined::Features;
 
 /// Correlation above which confidence depends on the photographs alone; below, the seed's confidence is mixed
 /// in.

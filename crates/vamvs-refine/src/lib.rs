@@ -33,6 +33,7 @@ mod solve;
 mod source;
 mod speckle;
 mod sweep;
+mod tiles;
 mod transfer;
 mod window;
 
@@ -42,12 +43,19 @@ use vamvs_core::{DepthMap, Grid, Photo, Size};
 pub use isa::Isa;
 pub use options::RefineOptions;
 pub use plane_sweep::{SWEEP_STRIDE, plane_sweep, sweep_bytes};
-pub use refined::{Features, Refined, Surface};
+pub use refined::{Refined, Surface};
 pub use source::MOST_SOURCES;
 
 use field::{Field, State};
 use matcher::Matcher;
 use sweep::{Sweep, consider, sweep};
+
+/// What refining takes for each pixel that is refined at once, bytes: planes, and images of the reference view and its
+/// sources.
+const BYTES_PER_PIXEL: u64 = 230;
+
+/// What the result takes for each pixel, bytes: depth, confidence and normal.
+const RESULT_BYTES: u64 = 20;
 
 /// The inputs of a refinement.
 #[derive(Clone, Copy)]
@@ -111,8 +119,28 @@ pub fn refine(
         let (expected, found) = (sources.len(), visibility.len());
         return Err(RefineError::Count { what: "visibility", expected, found });
     }
-    let problem = Problem { reference, sources, visibility, options };
-    let (mut field, guesses, matcher) = solve::solve(&problem, seed);
+    if !tiles::are_needed(reference.image.size(), options) {
+        return Ok(refined_whole(&Problem { reference, sources, visibility, options }, seed));
+    }
+    tiles::refined((reference, sources), seed, (options, solve::last_level(options)), |tile| {
+        let visible = |grid| tile.part_of(grid, reference.image.size());
+        let visibility: Vec<Grid<f32>> = visibility.iter().take(sources.len()).map(visible).collect();
+        let sources: Vec<&Photo> = tile.sources.iter().collect();
+        let (reference, visibility) = (&tile.reference, &visibility);
+        Ok(refined_whole(&Problem { reference, sources: &sources, visibility, options }, seed))
+    })
+}
+
+/// What refinement takes at its peak beside the photographs, bytes.
+#[must_use]
+pub fn peak_bytes(photograph: Size, options: &RefineOptions) -> u64 {
+    BYTES_PER_PIXEL * tiles::most_pixels(photograph, options) as u64 + RESULT_BYTES * photograph.area() as u64
+}
+
+/// [`refine`] in one piece.
+fn refined_whole(problem: &Problem<'_>, seed: &DepthMap) -> Refined {
+    let (reference, options) = (problem.reference, problem.options);
+    let (mut field, guesses, matcher) = solve::solve(problem, seed);
     let ratio = (matcher.image.size.width / guesses.width().max(1)).max(1);
     let seed = |x: usize, y: usize| {
         let guess = &guesses[((x / ratio).min(guesses.width() - 1), (y / ratio).min(guesses.height() - 1))];
@@ -120,7 +148,7 @@ pub fn refine(
     };
     finish(&mut field, &matcher);
     let camera = source::reduced(&reference.camera, solve::last_level(options));
-    Ok(refined::refined((camera, reference.cam_from_world), &field, &matcher, seed))
+    refined::refined((camera, reference.cam_from_world), &field, &matcher, seed)
 }
 
 /// Refines a result of [`refine`] once more, to the size of the photograph, with depth maps of the source views
@@ -149,9 +177,28 @@ pub fn refine_geometric(
         return Err(RefineError::Count { what: "depth map or None", expected, found });
     }
     let problem = Problem { reference, sources, visibility: &[], options };
-    let mut matcher = solve::matcher(&problem, 0);
+    if !tiles::are_needed(whole, options) {
+        return Ok(refined_again(&problem, first, depths));
+    }
+    tiles::refined((reference, sources), first.map, (options, 0), |tile| {
+        let part = tile.outer.reduced(if is_half { 2 } else { 1 });
+        let (map, normals) = (first.map.cropped(part), first.normals.cropped(part));
+        let sources: Vec<&Photo> = tile.sources.iter().collect();
+        let of_source = |(source, map): (usize, &Option<&DepthMap>)| map.map(|map| tile.map_of(source, map));
+        let maps: Vec<Option<DepthMap>> = depths[..sources.len()].iter().enumerate().map(of_source).collect();
+        let maps: Vec<Option<&DepthMap>> = maps.iter().map(Option::as_ref).collect();
+        let problem = Problem { reference: &tile.reference, sources: &sources, visibility: &[], options };
+        Ok(refined_again(&problem, &Surface { map: &map, normals: &normals }, &maps))
+    })
+}
+
+/// [`refine_geometric`] in one piece.
+fn refined_again(problem: &Problem<'_>, first: &Surface<'_>, depths: &[Option<&DepthMap>]) -> Refined {
+    let (reference, found) = (problem.reference, first.map.depth.size());
+    let is_half = found != reference.camera.size;
+    let mut matcher = solve::matcher(problem, 0);
     let here = (&reference.camera, &reference.cam_from_world);
-    let with_photos = matcher.sources.into_iter().zip(sources.iter().zip(depths));
+    let with_photos = matcher.sources.into_iter().zip(problem.sources.iter().zip(depths));
     let with_depth = with_photos.map(|(source, (photo, depth))| source.with_depth(*depth, photo, here));
     matcher.sources = with_depth.collect();
     let planes = Field::new(found, |x, y| State::unjudged(first.plane(x, y)));
@@ -166,7 +213,7 @@ pub fn refine_geometric(
     let confidence =
         |x: usize, y: usize| first.map.confidence[(inside(x, found.width), inside(y, found.height))];
     let seed = |x: usize, y: usize| (prior(x, y), confidence(x, y));
-    Ok(refined::refined((reference.camera, reference.cam_from_world), &field, &matcher, seed))
+    refined::refined((reference.camera, reference.cam_from_world), &field, &matcher, seed)
 }
 
 /// The same planes with their energies evaluated.

@@ -35,6 +35,9 @@ pub struct RefineOptions {
     pub geometric_reach: f32,
     /// Connected pieces of fewer pixels are removed.
     pub speckle: usize,
+    /// Side of a tile, pixels, a multiple of 4. Photographs with more than four times the pixels of a tile are refined
+    /// tile by tile, so that memory does not grow with their size.
+    pub tile: usize,
 }
 
 impl Default for RefineOptions {
@@ -52,6 +55,7 @@ impl Default for RefineOptions {
             geometric: 0.1,
             geometric_reach: 3.0,
             speckle: 40,
+            tile: 1024,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Pinhole, Pose};
 
 use crate::confidence;
@@ -16,13 +17,11 @@ pub struct Refined {
     pub map: DepthMap,
     /// Unit normals in the reference camera's frame, towards the camera; zero where there is no depth.
     pub normals: Grid<[f32; 3]>,
-    /// The features from which confidence was computed.
-    pub features: Grid<Features>,
 }
 
 /// Features that separate inliers from outliers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Features {
+pub(crate) struct Features {
     /// Mean correlation of the source views that match best, −1 to 1, before planes are smoothed; 0 without texture.
     pub correlation: f32,
     /// Standard deviation of luminance in the window, grey values.
@@ -38,11 +37,39 @@ pub struct Features {
 }
 
 impl Refined {
-    /// Unit normals in the world, as `normals/NAME.pfm` holds them; zero where there is no depth.
+    /// A map without depth.
+    pub(crate) fn empty((camera, cam_from_world): (Pinhole, Pose)) -> Self {
+        let nothing = || Grid::filled(camera.size, 0.0);
+        let map = DepthMap {
+            camera,
+            cam_from_world,
+            depth: nothing(),
+            confidence: nothing(),
+            coarse_confidence: None,
+        };
+        Self { map, normals: Grid::filled(camera.size, [0.0; 3]) }
+    }
+
+    /// Takes over the part `core` of a tile that covers `outer`.
+    pub(crate) fn paste(&mut self, tile: &Self, core: PixelBox, outer: PixelBox) {
+        for y in core.y0..core.y1 {
+            let (to, from) = (core.x0..core.x1, core.x0 - outer.x0..core.x1 - outer.x0);
+            let row = y - outer.y0;
+            self.map.depth.row_mut(y)[to.clone()].copy_from_slice(&tile.map.depth.row(row)[from.clone()]);
+            self.map.confidence.row_mut(y)[to.clone()]
+                .copy_from_slice(&tile.map.confidence.row(row)[from.clone()]);
+            self.normals.row_mut(y)[to].copy_from_slice(&tile.normals.row(row)[from]);
+        }
+    }
+
+    /// The depth map, and unit normals in the world, as `normals/NAME.pfm` holds them; zero where there is no depth.
     #[must_use]
-    pub fn normals_in_world(&self) -> Grid<[f32; 3]> {
+    pub fn in_world(mut self) -> (DepthMap, Grid<[f32; 3]>) {
         let world_from_cam = self.map.cam_from_world.rotation.transpose().cast::<f32>();
-        self.normals.map(|&normal| (world_from_cam * Vector3::from(normal)).into())
+        for normal in self.normals.data_mut() {
+            *normal = (world_from_cam * Vector3::from(*normal)).into();
+        }
+        (self.map, self.normals)
     }
 
     /// The depth map and normals, as input of [`crate::refine_geometric`].
@@ -108,7 +135,6 @@ pub(crate) fn refined(
             coarse_confidence: None,
         },
         normals: outcomes.map(|outcome| outcome.normal),
-        features: outcomes.map(|outcome| outcome.features),
     }
 }
 

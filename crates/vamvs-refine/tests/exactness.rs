@@ -77,8 +77,8 @@ fn the_neighbours_depth_maps_bring_outliers_back() {
     println!("median {:.4} → {:.4} px", median(before.clone()), median(after.clone()));
     assert!(share_above(&before, 0.5) > 0.05 && share_above(&after, 0.5) < 0.005);
     assert!(median(after) < 0.05);
-    let agreeing = second.features.data().iter().filter(|features| features.geometric >= 0.75).count();
-    assert!(agreeing * 10 > second.features.data().len() * 8);
+    let confident = second.map.confidence.data().iter().filter(|confidence| **confidence > 0.9).count();
+    assert!(confident * 10 > second.map.confidence.data().len() * 8);
 }
 
 #[test]

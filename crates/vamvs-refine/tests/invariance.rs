@@ -5,8 +5,8 @@ mod common;
 use common::{HERE, Placement, Set, disparity, median, render, seed, sources};
 use nalgebra::Vector3;
 use rayon::ThreadPoolBuilder;
-use vamvs_core::{Grid, Rgb};
-use vamvs_refine::{RefineError, RefineOptions, Refined, refine};
+use vamvs_core::{DepthMap, Grid, Rgb};
+use vamvs_refine::{RefineError, RefineOptions, Refined, refine, refine_geometric};
 
 fn refined(set: &Set) -> Refined {
     refine(&set.photos[0], &sources(set), &seed(set), &[], &RefineOptions::default())
@@ -38,7 +38,44 @@ fn the_bits_do_not_depend_on_the_number_of_threads() {
     };
     let (one, five) = (with(1), with(5));
     assert_eq!(one.map, five.map);
-    assert_eq!((one.normals, one.features), (five.normals, five.features));
+    assert_eq!(one.normals, five.normals);
+}
+
+#[test]
+fn tiles_give_what_one_piece_gives() {
+    let set = common::enlarged(common::sphere, HERE, 3);
+    let (sources, seed) = (sources(&set), seed(&set));
+    let mut options = RefineOptions::default();
+    options.halvings = 1;
+    let maps: Vec<DepthMap> = set.photos[1..].iter().map(|photo| true_map(photo)).collect();
+    let pass = |tile: usize| {
+        let mut options = options;
+        options.tile = tile;
+        let first = refine(&set.photos[0], &sources, &seed, &[], &options).unwrap();
+        let maps: Vec<Option<&DepthMap>> = maps.iter().map(Some).collect();
+        refine_geometric(&set.photos[0], &sources, &first.surface(), &maps, &options).unwrap()
+    };
+    let (whole, tiled) = (pass(1024), pass(160));
+    assert_eq!(tiled.map.camera, whole.map.camera);
+    let pairs = || whole.map.depth.data().iter().zip(tiled.map.depth.data());
+    let differences: Vec<f64> = pairs().map(|(a, b)| if a == b { 0.0 } else { disparity(*a, *b) }).collect();
+    let apart = differences.iter().filter(|difference| **difference > 1e-2).count();
+    println!("{apart} of {} pixels are more than a hundredth of a pixel apart", differences.len());
+    assert!(apart * 500 < differences.len());
+}
+
+/// The true depth map of another view, at half its size.
+fn true_map(photo: &vamvs_core::Photo) -> DepthMap {
+    let half = vamvs_core::Size::new(photo.camera.size.width / 2, photo.camera.size.height / 2);
+    let camera = photo.camera.resized(half);
+    let world_from_cam = photo.cam_from_world.inverse();
+    let depth = Grid::from_fn(half, |x, y| {
+        let ray = camera.intrinsics.ray(&nalgebra::Vector2::new(x as f64 + 0.5, y as f64 + 0.5));
+        common::sphere(&photo.cam_from_world.centre(), &(world_from_cam.rotation * ray))
+            .map_or(0.0, |(t, _)| t as f32)
+    });
+    let confidence = Grid::filled(half, 1.0);
+    DepthMap { camera, cam_from_world: photo.cam_from_world, depth, confidence, coarse_confidence: None }
 }
 
 #[test]

@@ -7,7 +7,7 @@ use vamvs_core::{DepthMap, Photo, Pose, Size};
 use vamvs_refine::{RefineOptions, Refined, Surface, refine_geometric};
 
 use crate::VamvsError;
-use crate::output::LoadedMap;
+use crate::output::{LoadedMap, OutputFolder};
 
 /// A photograph with fewer pixels on its shorter side is too small for a first pass at half its
 /// size.
@@ -21,25 +21,43 @@ pub(crate) fn first_pass(options: &RefineOptions, photograph: Size) -> RefineOpt
     first
 }
 
+/// What is needed of a first-pass map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Needed {
+    /// Depth, of a source view.
+    Depth,
+    /// Depth and normals, of the view itself.
+    Normals,
+}
+
 /// Refines a view's first-pass map with those of its source views; `first` gives all of them. A
 /// source view that has none is compared by its photograph alone.
 ///
 /// # Errors
 /// If the view's own first-pass map cannot be read, or there is no source view.
 pub(crate) fn refined(
-    first: impl Fn(usize) -> Result<Rc<LoadedMap>, VamvsError>,
+    first: impl Fn(usize, Needed) -> Result<Rc<LoadedMap>, VamvsError>,
     (view, reference): (usize, &Photo),
     sources: &[(usize, Rc<Photo>)],
     options: &RefineOptions,
 ) -> Result<Refined, VamvsError> {
-    let own = first(view)?;
+    let own = first(view, Needed::Normals)?;
     let missing = || "the depth map of its first pass has no normals: remove photometric/ and run again";
     let normals = own.normals.as_ref().ok_or_else(|| VamvsError::Request(missing().to_owned()))?;
     let normals = normals.map(|normal| in_camera(normal, &own.map.cam_from_world));
-    let maps: Vec<Option<Rc<LoadedMap>>> = sources.iter().map(|(source, _)| first(*source).ok()).collect();
+    let maps: Vec<Option<Rc<LoadedMap>>> =
+        sources.iter().map(|(source, _)| first(*source, Needed::Depth).ok()).collect();
     let maps: Vec<Option<&DepthMap>> = maps.iter().map(|map| map.as_ref().map(|map| &map.map)).collect();
     let photos: Vec<&Photo> = sources.iter().map(|(_, photo)| photo.as_ref()).collect();
     Ok(refine_geometric(reference, &photos, &Surface { map: &own.map, normals: &normals }, &maps, options)?)
+}
+
+/// A first-pass map from the folder of the first pass.
+pub(crate) fn loaded(folder: &OutputFolder, name: &str, needed: Needed) -> Result<Rc<LoadedMap>, VamvsError> {
+    Ok(Rc::new(match needed {
+        Needed::Depth => folder.load_without_normals(name)?,
+        Needed::Normals => folder.load(name)?,
+    }))
 }
 
 fn in_camera(normal: &[f32; 3], cam_from_world: &Pose) -> [f32; 3] {

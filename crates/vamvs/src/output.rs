@@ -341,10 +341,18 @@ impl OutputFolder {
     /// # Errors
     /// If a file cannot be read.
     pub fn load(&self, name: &str) -> Result<LoadedMap, VamvsError> {
-        let depth = pfm::read_depth(&self.depth(name))?;
-        let camera = mvsnet::read_cam(&self.cam(name), &mvsnet::Options::default())?;
         let normals = self.normals(name);
         let normals = normals.is_file().then(|| pfm::read_rgb(&normals)).transpose()?;
+        Ok(LoadedMap { normals, ..self.load_without_normals(name)? })
+    }
+
+    /// As [`OutputFolder::load`], without the normals.
+    ///
+    /// # Errors
+    /// If a file cannot be read.
+    pub fn load_without_normals(&self, name: &str) -> Result<LoadedMap, VamvsError> {
+        let depth = pfm::read_depth(&self.depth(name))?;
+        let camera = mvsnet::read_cam(&self.cam(name), &mvsnet::Options::default())?;
         let map = DepthMap {
             camera: vamvs_core::Pinhole { size: depth.size(), intrinsics: camera.intrinsics },
             cam_from_world: camera.cam_from_world,
@@ -352,7 +360,7 @@ impl OutputFolder {
             confidence: pfm::read(&self.confidence(name))?,
             coarse_confidence: None,
         };
-        Ok(LoadedMap { map, normals })
+        Ok(LoadedMap { map, normals: None })
     }
 
     /// Whether all files of a view's depth map can be read and have the same size.

@@ -15,7 +15,7 @@ use crate::event::OnEvent;
 use crate::output::LeftOut;
 use crate::{Maps, OutputFolder, Photographs, VamvsError};
 
-pub use vamvs_refine::{Features, RefineError, RefineOptions, Refined};
+pub use vamvs_refine::{RefineError, RefineOptions, Refined};
 pub use vamvs_refine::{refine as refine_view, refine_geometric as refine_view_geometric};
 
 /// What refinement works on.

@@ -7,13 +7,10 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Scene};
 use vamvs_refine::{RefineOptions, Refined, refine};
 
+use crate::geometric::Needed;
 use crate::output::LoadedMap;
 use crate::refine::PhotoCache;
 use crate::{Photographs, VamvsError, geometric};
-
-/// What refining a depth map takes for each pixel of the photograph, bytes: planes, features and the images of the
-/// reference and its sources.
-pub(crate) const BYTES_PER_PIXEL: u64 = 250;
 
 /// Refines the depth maps of a run, one after the other.
 pub(crate) struct Refinement<'a> {
@@ -88,7 +85,7 @@ impl<'a> Refinement<'a> {
         &mut self,
         view: usize,
         sources: &[usize],
-        first: impl Fn(usize) -> Result<Rc<LoadedMap>, VamvsError>,
+        first: impl Fn(usize, Needed) -> Result<Rc<LoadedMap>, VamvsError>,
     ) -> Result<(Refined, Rc<Photo>), VamvsError> {
         let reference = self.photo(view)?;
         // A source view that cannot be read is reported when it is processed itself.

@@ -112,7 +112,7 @@ impl<'a> DepthMaps<'a> {
             self.ensure_first(view)?;
         }
         let made = &self.first;
-        let first = |view: usize| match made.get(&view) {
+        let first = |view: usize, _| match made.get(&view) {
             Some(Ok(map)) => Ok(map.clone()),
             Some(Err(reason)) => Err(VamvsError::Request(reason.clone())),
             None => Err(VamvsError::Request("it has no depth map".to_owned())),

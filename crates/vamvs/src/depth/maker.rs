@@ -6,17 +6,18 @@ use std::rc::Rc;
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Planes, Rgb};
 use vamvs_io::image;
-use vamvs_refine::Refined;
+use vamvs_refine::{RefineOptions, Refined};
 
 use super::region::{covered, remove_masked, rescaled, unmasked};
 use crate::ceiling::Ceiling;
 use crate::event::{OnEvent, tell};
 use crate::feature_cache::{Encoded, FeatureCache};
 use crate::fit::most_bytes;
+use crate::geometric::Needed;
 use crate::method::{Clock, Estimated, Task};
 use crate::output::LoadedMap;
 use crate::photographs::working_cameras;
-use crate::refinement::{BYTES_PER_PIXEL, Refinement, Seed, shares};
+use crate::refinement::{Refinement, Seed, shares};
 use crate::{Event, Prepared, VamvsError, ViewPlan, memory};
 
 /// A depth within this share of the planes from either end counts as being at that end.
@@ -83,8 +84,8 @@ impl Prepared {
             return 0;
         }
         let cameras = working_cameras(&self.photographs.full(), &self.scene);
-        let largest = cameras.iter().map(|camera| camera.size.area() as u64).max();
-        largest.unwrap_or(0) * BYTES_PER_PIXEL
+        let bytes = |size| vamvs_refine::peak_bytes(size, &RefineOptions::default());
+        cameras.iter().map(|camera| bytes(camera.size)).max().unwrap_or(0)
     }
 }
 
@@ -128,7 +129,7 @@ impl<'a> Maker<'a> {
         &mut self,
         view: usize,
         plan: &ViewPlan,
-        first: impl Fn(usize) -> Result<Rc<LoadedMap>, VamvsError>,
+        first: impl Fn(usize, Needed) -> Result<Rc<LoadedMap>, VamvsError>,
     ) -> Result<MadeMap, VamvsError> {
         let refinement = self.refinement.as_mut().expect("there are two passes of refinement");
         Ok(refined_map(refinement.refine_again(view, &plan.sources, first)?))
@@ -237,8 +238,8 @@ impl MadeMap {
 
 /// A refined depth map with its photograph.
 fn refined_map((refined, photo): (Refined, Rc<Photo>)) -> MadeMap {
-    let normals = Some(refined.normals_in_world());
-    MadeMap { colour: image::resize(&photo.image, refined.map.depth.size()), normals, map: refined.map }
+    let (map, normals) = refined.in_world();
+    MadeMap { colour: image::resize(&photo.image, map.depth.size()), normals: Some(normals), map }
 }
 
 fn warn_of_range_ends(

@@ -1,12 +1,12 @@
 //! The second pass over the views: each depth map of the first pass is refined with those of its source views.
 
 use std::collections::BTreeSet;
-use std::rc::Rc;
 use std::time::Instant;
 
 use super::maker::MadeMap;
 use super::run::Run;
 use crate::event::{OnEvent, tell};
+use crate::geometric::loaded;
 use crate::output::{LeftOut, Record, SavedMap};
 use crate::{Event, Pass, VamvsError, ViewPlan};
 
@@ -75,7 +75,7 @@ impl Run<'_> {
     /// The geometric pass of one view. The outer error means that a file could not be written.
     fn refine_again(&mut self, view: usize) -> Result<Result<(), VamvsError>, VamvsError> {
         let Ok(plan) = &self.work.plan.views[view] else { return Ok(Ok(())) };
-        let first = |view: usize| self.first.load(&self.names[view]).map(Rc::new);
+        let first = |view: usize, needed| loaded(&self.first, &self.names[view], needed);
         let MadeMap { map, colour, normals } = match self.maker.refine_again(view, plan, first) {
             Ok(made) => made,
             Err(error) => return Ok(Err(error)),

@@ -17,7 +17,7 @@ use crate::photographs::hash_file;
 use crate::{Event, OutputFolder, Pass, VamvsError, geometric};
 
 /// Increased whenever a change gives other depth maps for the same inputs.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 
 /// What became of a view.
 enum Outcome {
@@ -102,7 +102,7 @@ impl<'a> Run<'a> {
         let refined = if self.job.geometric { self.refined_again(map) } else { self.refined(map) };
         match refined {
             Err(error) => Ok(Err(error)),
-            Ok(refined) => match self.save(self.job.output, map, &refined, &record)? {
+            Ok(refined) => match self.save(self.job.output, map, refined, &record)? {
                 Err(error) => Ok(Err(error)),
                 Ok(()) => {
                     self.summary.made += 1;
@@ -124,7 +124,7 @@ impl<'a> Run<'a> {
         &mut self,
         folder: &OutputFolder,
         map: usize,
-        refined: &Refined,
+        refined: Refined,
         record: &Record,
     ) -> Result<Result<(), VamvsError>, VamvsError> {
         let (range, photo) = match range(&refined.map).and_then(|range| Ok((range, self.photo(map)?))) {
@@ -132,9 +132,9 @@ impl<'a> Run<'a> {
             Err(error) => return Ok(Err(error)),
         };
         let begin = Instant::now();
-        let normals = refined.normals_in_world();
-        let colour = image::resize(&photo.image, refined.map.depth.size());
-        let saved = SavedMap { map: &refined.map, range, colour: &colour, normals: Some(&normals) };
+        let (map_of_view, normals) = refined.in_world();
+        let colour = image::resize(&photo.image, map_of_view.depth.size());
+        let saved = SavedMap { map: &map_of_view, range, colour: &colour, normals: Some(&normals) };
         folder.save(&self.job.maps.names()[map], &saved, record)?;
         self.summary.writing += begin.elapsed();
         Ok(Ok(()))
@@ -154,7 +154,7 @@ impl<'a> Run<'a> {
         }
         let reference = self.photo(map)?;
         let begin = Instant::now();
-        let first = |map: usize| self.first.load(&names[map]).map(Rc::new);
+        let first = |map: usize, needed| geometric::loaded(&self.first, &names[map], needed);
         let refined = geometric::refined(first, (map, &reference), &sources, self.job.options)?;
         self.summary.geometric += begin.elapsed();
         Ok(refined)
@@ -169,7 +169,7 @@ impl<'a> Run<'a> {
         let folder = self.first.clone();
         if !self.is_there(&folder, map, &record) {
             let refined = self.refined(map)?;
-            self.save(&folder, map, &refined, &record)??;
+            self.save(&folder, map, refined, &record)??;
         }
         self.has_first.insert(map);
         Ok(())
