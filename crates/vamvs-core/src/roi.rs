@@ -61,7 +61,7 @@ impl PixelBox {
     /// Its width and height.
     #[must_use]
     pub fn size(self) -> Size {
-        Size::new(self.x1 - self.x0, self.y1 - self.y0)
+        Size::new(self.width(), self.height())
     }
 
     /// The same part of the image at 1/`factor` of its size.
