@@ -108,7 +108,7 @@ impl Tile {
 
 /// The tiles of an image, without and with their margins.
 fn boxes(size: Size, side: usize) -> impl Iterator<Item = (PixelBox, PixelBox)> {
-    let side = side.next_multiple_of(ALIGNED);
+    let side = side.next_multiple_of(ALIGNED).max(MARGIN);
     let rows = (0..size.height).step_by(side);
     rows.flat_map(move |y0| (0..size.width).step_by(side).map(move |x0| (x0, y0))).map(move |(x0, y0)| {
         let (x1, y1) = ((x0 + side).min(size.width), (y0 + side).min(size.height));

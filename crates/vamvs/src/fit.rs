@@ -140,7 +140,8 @@ pub(crate) fn most_bytes(plan: &Plan, method: &Method) -> u64 {
     planned.map(bytes).max().unwrap_or(0)
 }
 
-#[cfg(all(test, feature = "net"))]
+#[cfg(feature = "net")]
+#[cfg(test)]
 mod tests {
     use super::*;
     use nalgebra::Vector3;

@@ -158,13 +158,12 @@ impl Method {
     }
 
     /// Makes depth maps in pieces smaller by `factor`, so that they take less memory; the result is the same.
+    #[cfg_attr(not(feature = "net"), expect(unused_variables, reason = "networks alone work in pieces"))]
     pub(crate) fn use_smaller_pieces(&mut self, factor: usize) {
         match self {
             #[cfg(feature = "net")]
             Self::Network(network) => network.use_smaller_pieces(factor),
-            Self::PlaneSweep => {
-                let _ = factor;
-            }
+            Self::PlaneSweep => {}
         }
     }
 
@@ -178,14 +177,12 @@ impl Method {
     }
 
     /// What the method keeps of a photograph.
+    #[cfg_attr(not(feature = "net"), expect(unused_variables, reason = "networks alone keep something"))]
     pub(crate) fn encode(&self, photo: &Photo, clock: &mut Clock) -> Result<Features, VamvsError> {
         match self {
             #[cfg(feature = "net")]
             Self::Network(network) => network.encode(photo, clock),
-            Self::PlaneSweep => {
-                let _ = (photo, clock);
-                Ok(Features::None)
-            }
+            Self::PlaneSweep => Ok(Features::None),
         }
     }
 

@@ -82,7 +82,8 @@ fn source(weights: Option<&Path>) -> Source<'_> {
     named.map_or(Source::File(path), |(name, bytes)| Source::BuiltIn(name, bytes))
 }
 
-#[cfg(all(test, feature = "net"))]
+#[cfg(feature = "net")]
+#[cfg(test)]
 mod tests {
     use super::*;
 
