@@ -47,7 +47,7 @@ fn tiles_give_what_one_piece_gives() {
     let (sources, seed) = (sources(&set), seed(&set));
     let mut options = RefineOptions::default();
     options.halvings = 1;
-    let maps: Vec<DepthMap> = set.photos[1..].iter().map(|photo| true_map(photo)).collect();
+    let maps: Vec<DepthMap> = set.photos[1..].iter().map(true_map).collect();
     let pass = |tile: usize| {
         let mut options = options;
         options.tile = tile;
