@@ -58,9 +58,7 @@ impl Pinhole {
     /// The camera of a part of the image.
     #[must_use]
     pub fn cropped(&self, part: PixelBox) -> Self {
-        let Intrinsics { fx, fy, cx, cy } = self.intrinsics;
-        let intrinsics = Intrinsics { fx, fy, cx: cx - part.x0 as f64, cy: cy - part.y0 as f64 };
-        Self { size: part.size(), intrinsics }
+        Self { size: part.size(), intrinsics: self.intrinsics.cropped(part.x0 as f64, part.y0 as f64) }
     }
 
     /// Image coordinates of a point in the camera's frame; `None` unless it is in front of the camera and inside

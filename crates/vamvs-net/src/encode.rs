@@ -135,13 +135,9 @@ impl EncodedView {
             if native::is_channels_last(features)? { native::channels_last(&inside) } else { Ok(inside) }
         };
         let [half, quarter, eighth] = &self.flow;
-        let camera = Pinhole {
-            size: Size::new(
-                self.camera.size.width.min(outer.x1) - outer.x0,
-                self.camera.size.height.min(outer.y1) - outer.y0,
-            ),
-            intrinsics: self.camera.intrinsics.cropped(outer.x0 as f64, outer.y0 as f64),
-        };
+        let Size { width, height } = self.camera.size;
+        let camera =
+            self.camera.cropped(PixelBox { x1: outer.x1.min(width), y1: outer.y1.min(height), ..outer });
         let view = Self {
             enlarge: self.enlarge,
             camera,
@@ -153,11 +149,7 @@ impl EncodedView {
                 .collect::<Result<_, _>>()?,
             flow: [part(half, 2)?, part(quarter, 4)?, part(eighth, 8)?],
             photographs: std::array::from_fn(|level| {
-                let scale = FLOW_SCALES[level];
-                let size = Size::new(padded.width / scale, padded.height / scale);
-                Grid::from_fn(size, |x, y| {
-                    self.photographs[level][(outer.x0 / scale + x, outer.y0 / scale + y)]
-                })
+                self.photographs[level].cropped(outer.reduced(FLOW_SCALES[level]))
             }),
         };
         Ok((view, outer))

@@ -57,7 +57,10 @@ const SLABS_OF_WHOLE: usize = 2;
 const VOLUMES: usize = 4;
 
 /// As `VOLUMES`, for a volume of correlations, which has fewer channels than the layers.
-const CORRELATIONS: usize = 7;
+const CORRELATIONS: usize = 4;
+
+/// What libtorch keeps apart from tensors for the layers on a volume of correlations, in addition to `WORKSPACE`, bytes.
+const CORRELATION_WORKSPACE: usize = 88 << 20;
 
 /// Memory of regularising slab by slab, in outputs of the first layers.
 const LAYERS: usize = 10;
@@ -204,7 +207,7 @@ impl Estimator {
         let (channels, value) = (self.network.channel_counts(), size_of::<f32>());
         let volume = channels.volume * planes * pixels * value;
         if self.network.manifest().aggregation.correlates() {
-            return CORRELATIONS * volume;
+            return CORRELATION_WORKSPACE + CORRELATIONS * volume;
         }
         let plane = channels.coarse * pixels * value;
         let slab = self.options.slab_bytes.clamp(plane, planes * plane);

@@ -68,6 +68,11 @@ impl Cost {
 }
 
 impl Costs {
+    /// Costs of `count` views that are not known yet.
+    fn none(count: usize) -> Self {
+        Self { values: [(0.0, Cost::default()); MOST_SOURCES], count }
+    }
+
     /// The mean cost of the `most` best views, and the set of these views.
     #[inline]
     fn mean_of_best(&self, most: usize) -> (Cost, Views) {
@@ -105,8 +110,7 @@ impl Pixel<'_> {
             return Judged::IMPOSSIBLE;
         }
         let prior = self.prior_cost(plane.w);
-        let nothing = (0.0, Cost::default());
-        let mut costs = Costs { values: [nothing; MOST_SOURCES], count: self.matcher.sources.len() };
+        let mut costs = Costs::none(self.matcher.sources.len());
         let known = rival.map_or(0, |rival| rival.best);
         if let Some(rival) = rival {
             let sum = self.costs(known, plane, &mut costs);
@@ -135,8 +139,7 @@ impl Pixel<'_> {
         if !self.is_possible(plane) || views == 0 {
             return Judged::IMPOSSIBLE;
         }
-        let nothing = (0.0, Cost::default());
-        let mut costs = Costs { values: [nothing; MOST_SOURCES], count: self.matcher.sources.len() };
+        let mut costs = Costs::none(self.matcher.sources.len());
         let sum = self.costs(views, plane, &mut costs);
         let Cost { total, correlation } = sum.mean(views.count_ones() as usize);
         Judged { energy: total + self.prior_cost(plane.w), correlation, best: views }

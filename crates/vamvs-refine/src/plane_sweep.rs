@@ -1,7 +1,7 @@
 //! A plane sweep over photographs alone: the seed of a refinement where there is no network.
 
 use rayon::prelude::*;
-use vamvs_core::{DepthMap, Grid, Photo, Planes};
+use vamvs_core::{DepthMap, Grid, Photo, Planes, Size};
 
 use crate::energy::IMPOSSIBLE;
 use crate::matcher::{Matcher, Pixel};
@@ -54,7 +54,7 @@ pub fn plane_sweep(
 
 /// What a sweep takes beside the photographs, bytes: costs and their sums for each plane of the map's pixels.
 #[must_use]
-pub fn sweep_bytes(photograph: vamvs_core::Size, planes: usize) -> u64 {
+pub fn sweep_bytes(photograph: Size, planes: usize) -> u64 {
     let pixels = photograph.area() / (SWEEP_STRIDE * SWEEP_STRIDE);
     (pixels * planes * (size_of::<u8>() + size_of::<u16>())) as u64
 }

@@ -193,7 +193,7 @@ fn fill(w: &mut Grid<f32>) {
 }
 
 /// The map from image coordinates of the photograph to those of the seed.
-struct Mapping {
+pub(crate) struct Mapping {
     /// Pixels of the seed per pixel of the photograph.
     ratio: [f32; 2],
     /// The position of the photograph's upper left corner in the seed, pixels.
@@ -201,13 +201,14 @@ struct Mapping {
 }
 
 impl Mapping {
-    fn new(from: &Pinhole, to: &Pinhole) -> Self {
+    pub fn new(from: &Pinhole, to: &Pinhole) -> Self {
         let (a, b) = (&from.intrinsics, &to.intrinsics);
         let (x, y) = (b.fx / a.fx, b.fy / a.fy);
         Self { ratio: [x as f32, y as f32], origin: [(b.cx - a.cx * x) as f32, (b.cy - a.cy * y) as f32] }
     }
 
-    fn to_seed(&self, x: usize, y: usize) -> [f32; 2] {
+    /// The seed's coordinates of the centre of pixel `(x, y)`.
+    pub fn to_seed(&self, x: usize, y: usize) -> [f32; 2] {
         let [rx, ry] = self.ratio;
         [(x as f32 + 0.5) * rx + self.origin[0], (y as f32 + 0.5) * ry + self.origin[1]]
     }

@@ -9,6 +9,7 @@ use vamvs_core::homography::PixelTransfer;
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Size};
 
+use crate::seed::Mapping;
 use crate::source::reduced;
 use crate::{RefineError, RefineOptions, Refined};
 
@@ -90,18 +91,14 @@ impl Tile {
         map.cropped(PixelBox { x0: left, y0: top, x1: end(x1, left, width), y1: end(y1, top, height) })
     }
 
-    /// The part of a depth map of the reference view, at any size, as the tile's own.
-    pub fn part_of(&self, grid: &Grid<f32>, photograph: Size) -> Grid<f32> {
-        let size = Size::new(self.outer.size().width.div_ceil(8), self.outer.size().height.div_ceil(8));
-        let place = |at: usize, count: usize, first: usize, part: usize, whole: usize, side: usize| {
-            let x = first as f64 + (at as f64 + 0.5) / count as f64 * part as f64;
-            ((x / whole as f64 * side as f64) as usize).min(side - 1)
-        };
-        let (outer, part) = (self.outer, self.outer.size());
-        Grid::from_fn(size, |x, y| {
-            let column = place(x, size.width, outer.x0, part.width, photograph.width, grid.width());
-            let row = place(y, size.height, outer.y0, part.height, photograph.height, grid.height());
-            grid[(column, row)]
+    /// The tile's part, with a value for every 8×8 pixels, of values for the whole photograph at any size.
+    pub fn part_of(&self, values: &Grid<f32>, photograph: Size) -> Grid<f32> {
+        let Size { width, height } = self.outer.size();
+        let place = |pixel: usize, pixels: usize, count: usize| pixel.min(pixels - 1) * count / pixels;
+        Grid::from_fn(Size::new(width.div_ceil(8), height.div_ceil(8)), |x, y| {
+            let column = place(self.outer.x0 + 8 * x + 4, photograph.width, values.width());
+            let row = place(self.outer.y0 + 8 * y + 4, photograph.height, values.height());
+            values[(column, row)]
         })
     }
 }
@@ -125,15 +122,15 @@ fn boxes(size: Size, side: usize) -> impl Iterator<Item = (PixelBox, PixelBox)> 
 /// The nearest and the farthest depth of a map in the image of `photo`, which may show a part of the view only; `None`
 /// if it has no depth there.
 fn depths(map: &DepthMap, photo: &Photo) -> Option<[f64; 2]> {
-    let (of_map, of_photo) = (&map.camera.intrinsics, &photo.camera.intrinsics);
-    let along = |f_map: f64, c_map: f64, f: f64, c: f64, side: usize, count: usize| {
-        let at = |x: f64| (x - c) / f * f_map + c_map;
-        let inside = |at: f64| at.clamp(0.0, count as f64) as usize;
-        inside(at(0.0).floor() - 1.0)..inside(at(side as f64).ceil() + 1.0)
-    };
+    let to_map = Mapping::new(&photo.camera, &map.camera);
     let (size, Size { width, height }) = (photo.camera.size, map.depth.size());
-    let columns = along(of_map.fx, of_map.cx, of_photo.fx, of_photo.cx, size.width, width);
-    let rows = along(of_map.fy, of_map.cy, of_photo.fy, of_photo.cy, size.height, height);
+    let (first, end) = (to_map.to_seed(0, 0), to_map.to_seed(size.width - 1, size.height - 1));
+    // One pixel more on each side.
+    let along = |axis: usize, count: usize| {
+        let inside = |at: f32| at.clamp(0.0, count as f32) as usize;
+        inside(first[axis] - 1.0)..inside(end[axis] + 2.0)
+    };
+    let (columns, rows) = (along(0, width), along(1, height));
     let depths =
         rows.flat_map(|y| &map.depth.row(y)[columns.clone()]).copied().filter(|&depth| is_valid(depth));
     depths.map(|depth| [f64::from(depth); 2]).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])

@@ -69,7 +69,10 @@ fn the_neighbours_depth_maps_bring_outliers_back() {
     for (place, depth) in first.map.depth.data_mut().iter_mut().enumerate() {
         *depth *= if place % 17 == 0 { 1.04 } else { 1.0 };
     }
-    let maps: Vec<DepthMap> = set.photos[1..].iter().map(|photo| true_map(&set, photo)).collect();
+    let maps: Vec<DepthMap> = set.photos[1..]
+        .iter()
+        .map(|photo| common::true_map(common::plane, photo, photo.camera.size))
+        .collect();
     let maps: Vec<Option<&DepthMap>> = maps.iter().map(Some).collect();
     let options = RefineOptions::default();
     let second = refine_geometric(&set.photos[0], &sources(&set), &first.surface(), &maps, &options).unwrap();
@@ -89,7 +92,10 @@ fn a_first_pass_at_half_the_size_leads_to_the_same_plane() {
     let first = refine(&set.photos[0], &sources(&set), &seed(&set), &[], &options).unwrap();
     let half = set.photos[0].camera.resized(common::SIZE);
     assert_eq!((first.map.camera, first.map.depth.size()), (half, common::SIZE));
-    let maps: Vec<DepthMap> = set.photos[1..].iter().map(|photo| true_map(&set, photo)).collect();
+    let maps: Vec<DepthMap> = set.photos[1..]
+        .iter()
+        .map(|photo| common::true_map(common::plane, photo, photo.camera.size))
+        .collect();
     let maps: Vec<Option<&DepthMap>> = maps.iter().map(Some).collect();
     let second = refine_geometric(&set.photos[0], &sources(&set), &first.surface(), &maps, &options).unwrap();
     // Twice the pixels make twice the disparity.
@@ -125,24 +131,5 @@ fn a_plane_sweep_finds_surfaces_without_a_seed_and_refinement_goes_on_from_it() 
             share_above(&errors, 1.0)
         );
         assert!(median(errors.clone()) < 0.05 && share_above(&errors, 1.0) < outliers);
-    }
-}
-
-/// The plane's depth in another view.
-fn true_map(set: &Set, photo: &vamvs_core::Photo) -> DepthMap {
-    let world_from_cam = photo.cam_from_world.inverse();
-    let depth = Grid::from_fn(photo.camera.size, |x, y| {
-        let ray = photo.camera.intrinsics.ray(&nalgebra::Vector2::new(x as f64 + 0.5, y as f64 + 0.5));
-        let direction = world_from_cam.rotation * ray;
-        common::plane(&photo.cam_from_world.centre(), &direction).map_or(0.0, |(t, _)| t as f32)
-    });
-    let confidence = Grid::filled(depth.size(), 1.0);
-    assert_eq!(depth.size(), set.depth.size());
-    DepthMap {
-        camera: photo.camera,
-        cam_from_world: photo.cam_from_world,
-        depth,
-        confidence,
-        coarse_confidence: None,
     }
 }

@@ -1,109 +1,28 @@
-//! Which network is used.
+//! Which network is used, if any.
 
 #[cfg(feature = "net")]
-use std::borrow::Cow;
+mod networks;
+
 use std::path::Path;
 
 #[cfg(feature = "net")]
-use vamvs_io::IoError;
-#[cfg(feature = "net")]
-use vamvs_net::{Device, Network};
-
-#[cfg(feature = "net")]
-use crate::{Quality, VamvsError};
+pub use networks::{bytes, load};
 
 /// Stands for no network.
 pub(crate) const NONE: &str = "none";
-
-/// The networks that are built in, by name.
-#[cfg(feature = "net")]
-const BUILT_IN: [(&str, &[u8]); 3] = [
-    ("vis-max", vamvs_weights::VIS_MAX),
-    ("vis-corr", vamvs_weights::VIS_CORR),
-    ("photometric", vamvs_weights::PHOTOMETRIC),
-];
-
-/// Where a network is.
-#[cfg(feature = "net")]
-enum Source<'a> {
-    BuiltIn(&'static str, &'static [u8]),
-    File(&'a Path),
-}
-
-/// Loads the built-in network named `weights`, or the module in the file `weights`; by default the
-/// network of [`Quality::Normal`].
-///
-/// # Errors
-/// If the file is not a module of the contract.
-#[cfg(feature = "net")]
-pub fn load(weights: Option<&Path>, device: Device) -> Result<Network, VamvsError> {
-    Ok(match source(weights) {
-        Source::BuiltIn(name, bytes) => Network::from_reader(bytes, device, name)?,
-        Source::File(path) => Network::load(path, device)?,
-    })
-}
-
-/// The bytes of the module that [`load`] loads, a part of the identity of depth maps.
-///
-/// # Errors
-/// If the file cannot be read.
-#[cfg(feature = "net")]
-pub fn bytes(weights: Option<&Path>) -> Result<Cow<'static, [u8]>, VamvsError> {
-    match source(weights) {
-        Source::BuiltIn(_, bytes) => Ok(bytes.into()),
-        Source::File(path) => {
-            let failed =
-                |source| IoError::System { action: "read the weights", path: path.to_owned(), source };
-            Ok(std::fs::read(path).map_err(failed)?.into())
-        }
-    }
-}
 
 /// Whether this is the name of a built-in network, or `none`, rather than a file.
 #[must_use]
 pub fn is_built_in(weights: &Path) -> bool {
     #[cfg(feature = "net")]
-    let is_network = matches!(source(Some(weights)), Source::BuiltIn(..));
-    #[cfg(not(feature = "net"))]
-    let is_network = false;
-    is_network || is_none(weights)
+    if networks::is_network(weights) {
+        return true;
+    }
+    is_none(weights)
 }
 
 /// Whether this is `none`: no network is wanted.
 #[must_use]
 pub fn is_none(weights: &Path) -> bool {
     weights == Path::new(NONE)
-}
-
-#[cfg(feature = "net")]
-fn source(weights: Option<&Path>) -> Source<'_> {
-    let path = weights.unwrap_or(Path::new(Quality::default().weights()));
-    let named = BUILT_IN.into_iter().find(|(name, _)| path == Path::new(name));
-    named.map_or(Source::File(path), |(name, bytes)| Source::BuiltIn(name, bytes))
-}
-
-#[cfg(feature = "net")]
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_built_in_and_paths_are_files() {
-        assert!(is_built_in(Path::new("vis-max")) && is_built_in(Path::new("none")));
-        assert!(!is_built_in(Path::new("./vis-max")) && !is_built_in(Path::new("vis-max.pt")));
-        let normal = Quality::Normal.weights();
-        assert_eq!(bytes(None).unwrap(), bytes(Some(Path::new(normal))).unwrap());
-        let error = bytes(Some(Path::new("absent/net.pt"))).unwrap_err().with_causes();
-        assert!(error.contains("net.pt"), "{error}");
-    }
-
-    #[test]
-    fn the_built_in_networks_are_modules_of_the_contract() {
-        for (name, _) in BUILT_IN {
-            load(Some(Path::new(name)), Device::Cpu).unwrap();
-        }
-        for quality in [Quality::Draft, Quality::Normal, Quality::Best] {
-            assert!(is_built_in(Path::new(quality.weights())));
-        }
-    }
 }

@@ -2,7 +2,7 @@
 
 use std::process::Output;
 
-use crate::scene::{Scene, content, error_of, expect_success, vamvs, write};
+use crate::scene::{Scene, content, error_of, expect_success, right, vamvs, write};
 use vamvs::core::{DepthMap, DepthRange, Grid, Rgb, Size};
 use vamvs::io::pfm;
 use vamvs::output::{OutputFolder, Record, SavedMap};
@@ -38,13 +38,6 @@ fn refine(scene: &Scene, arguments: &[&str]) -> Output {
     let mut run = vamvs();
     run.arg("refine").arg(scene.out()).arg("--cams").arg(scene.path("cams"));
     run.arg("--images").arg(scene.path("images")).args(arguments).output().unwrap()
-}
-
-/// The share of pixels whose depth is right to `share`.
-fn right(depth: &Grid<f32>, ground_truth: &Grid<f32>, share: f32) -> f64 {
-    let known = ground_truth.data().iter().zip(depth.data()).filter(|(ground_truth, _)| **ground_truth > 0.0);
-    let errors: Vec<f32> = known.map(|(ground_truth, depth)| (depth / ground_truth - 1.0).abs()).collect();
-    errors.iter().filter(|error| **error < share).count() as f64 / errors.len() as f64
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use tempfile::TempDir;
+use vamvs::core::Grid;
 use vamvs_tests::{Rendered, fixtures, folder};
 
 /// A scene in a folder of its own, whose name has a space and letters beyond ASCII.
@@ -76,6 +77,13 @@ pub fn expect_success(output: &Output) {
 
 pub fn write(path: &Path, bytes: impl AsRef<[u8]>) {
     vamvs::io::atomic::write(path, |out| out.write_all(bytes.as_ref())).unwrap();
+}
+
+/// The share of the pixels with ground truth whose depth is right to `share`.
+pub fn right(depth: &Grid<f32>, ground_truth: &Grid<f32>, share: f32) -> f64 {
+    let known = ground_truth.data().iter().zip(depth.data()).filter(|(ground_truth, _)| **ground_truth > 0.0);
+    let errors: Vec<f32> = known.map(|(ground_truth, depth)| (depth / ground_truth - 1.0).abs()).collect();
+    errors.iter().filter(|error| **error < share).count() as f64 / errors.len() as f64
 }
 
 /// Cuts a file in half.

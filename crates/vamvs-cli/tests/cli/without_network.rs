@@ -1,20 +1,13 @@
 //! `--weights none`: depth maps by a plane sweep, in the build without libtorch too.
 
-use crate::scene::{Scene, content, expect_success, stderr};
-use vamvs::core::{Grid, Size};
+use crate::scene::{Scene, content, expect_success, right, stderr};
+use vamvs::core::Size;
 use vamvs::io::pfm;
 use vamvs::output::OutputFolder;
 
 const SIZE: Size = Size::new(240, 180);
 
 const NONE: [&str; 3] = ["--weights", "none", "--no-report"];
-
-/// The share of the pixels with ground truth whose depth is right to `share`.
-fn right(depth: &Grid<f32>, ground_truth: &Grid<f32>, share: f32) -> f64 {
-    let known = ground_truth.data().iter().zip(depth.data()).filter(|(ground_truth, _)| **ground_truth > 0.0);
-    let errors: Vec<f32> = known.map(|(ground_truth, depth)| (depth / ground_truth - 1.0).abs()).collect();
-    errors.iter().filter(|error| **error < share).count() as f64 / errors.len() as f64
-}
 
 #[test]
 fn a_scene_is_reconstructed_and_the_bytes_do_not_depend_on_the_number_of_threads() {

@@ -167,6 +167,17 @@ pub fn seed(set: &Set) -> DepthMap {
     }
 }
 
+/// The true depth map of a view, with photographs of a set that is [`HERE`], at any size.
+pub fn true_map(surface: Surface, photo: &Photo, size: Size) -> DepthMap {
+    let camera = photo.camera.resized(size);
+    let depth = Grid::from_fn(size, |x, y| {
+        let hit = meet(surface, &camera, &photo.cam_from_world, x as f64 + 0.5, y as f64 + 0.5);
+        hit.map_or(0.0, |hit| hit.depth as f32)
+    });
+    let confidence = Grid::filled(size, 1.0);
+    DepthMap { camera, cam_from_world: photo.cam_from_world, depth, confidence, coarse_confidence: None }
+}
+
 /// The source views of a set.
 pub fn sources(set: &Set) -> Vec<&Photo> {
     set.photos[1..].iter().collect()

@@ -14,8 +14,7 @@ pub fn remove_masked(map: &mut DepthMap, mask: &Grid<bool>, scale: usize) {
 /// The part of a photograph that a depth map of `size` at 1/scale covers: sides that are no multiple of the scale
 /// lose their last pixels.
 pub fn covered<T: Clone>(image: &Grid<T>, size: Size, scale: usize) -> Grid<T> {
-    let covered = Size::new(size.width * scale, size.height * scale);
-    Grid::from_fn(covered, |x, y| image[(x, y)].clone())
+    image.cropped(PixelBox { x0: 0, y0: 0, x1: size.width * scale, y1: size.height * scale })
 }
 
 /// A region of an image of size `from`, in the image of size `to`: photographs may come smaller than
