@@ -1,13 +1,13 @@
-//! Time to refine a depth map of 768×576 pixels with four source views, by number of threads: the photometric pass,
-//! and the geometric pass, in which the reference view's own map stands in for the source views' depth maps.
+//! Time to refine a depth map of 768×576 pixels with four source views, by number of threads: the photometric pass, which
+//! stops at half the size as in use, and the geometric pass to full size. The source views' depth maps are their own.
 #![allow(missing_docs, reason = "criterion's macros make undocumented functions")]
 
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use common::{HERE, enlarged, seed, sources};
+use common::{HERE, SIZE, enlarged, seed, sources, true_map};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use vamvs_core::DepthMap;
+use vamvs_core::{DepthMap, Size};
 use vamvs_refine::{RefineOptions, refine, refine_geometric};
 
 fn benchmarks(criterion: &mut Criterion) {
@@ -18,9 +18,13 @@ fn benchmarks(criterion: &mut Criterion) {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         *value = [value[0].saturating_add((state >> 28) as u8); 3];
     }
-    let (options, seed) = (RefineOptions::default(), seed(&set));
+    let (mut options, seed) = (RefineOptions::default(), seed(&set));
+    options.halvings = 1;
     let first = refine(&set.photos[0], &sources(&set), &seed, &[], &options).expect("the set fits together");
-    let maps: Vec<Option<&DepthMap>> = vec![Some(&first.map); 4];
+    let half = Size::new(2 * SIZE.width, 2 * SIZE.height);
+    let maps: Vec<DepthMap> =
+        set.photos[1..].iter().map(|photo| true_map(common::sphere, photo, half)).collect();
+    let maps: Vec<Option<&DepthMap>> = maps.iter().map(Some).collect();
     let mut group = criterion.benchmark_group("refine");
     group.sample_size(10);
     for threads in [1, 2] {

@@ -3,30 +3,27 @@
 use crate::isa::for_each_isa;
 use crate::luminance::Quads;
 use crate::sampling::{at_least, sample};
-use crate::transfer::Affine;
+use crate::transfer::{Four, TOGETHER, Warps};
 use crate::window::{LANES, TEXELS, Texels, Window, sum_lanes};
 
-/// Source views whose correlations are computed together.
-pub(crate) const TOGETHER: usize = 4;
-
-/// A source image and the window's warp into it; `None` if the pixel projects outside of it, or there is no view.
-pub(crate) type Place<'a> = Option<(&'a Quads, Affine)>;
+/// Source images, `None` where there is no view, or its correlation is not wanted.
+pub(crate) type Images<'a> = Four<Option<&'a Quads>>;
 
 for_each_isa! {
-    /// The correlations, −1 to 1, of the window with source images under their warps; 0 outside of an image. The
+    /// The correlations, −1 to 1, of the window with source images under its warps into them; 0 outside of an image. The
     /// square of `noise`, grey values, is added to both variances, so that the correlation of a textureless window is
     /// near 0. The border of a source image is replicated.
-    pub(crate) fn correlations(window: &Window, places: &[Place<'_>; TOGETHER], noise: f32) -> [f32; TOGETHER] = correlate
+    pub(crate) fn correlations(window: &Window, images: &Images<'_>, warps: &Warps, noise: f32) -> Four = correlate
 }
 
 #[inline(always)]
-fn correlate<const N: usize>(window: &Window, places: &[Place<'_>; TOGETHER], noise: f32) -> [f32; TOGETHER] {
+fn correlate<const N: usize>(window: &Window, images: &Images<'_>, warps: &Warps, noise: f32) -> Four {
     let (mut mean, mut second, mut product) = ([0.0; TOGETHER], [0.0; TOGETHER], [0.0; TOGETHER]);
-    for (i, place) in places.iter().enumerate() {
-        let Some((source, warp)) = place else { continue };
+    for (i, image) in images.iter().enumerate() {
+        let (Some(source), Some(warp)) = (image, warps.of(i)) else { continue };
         let mut values = [0.0; TEXELS];
         for begin in (0..TEXELS).step_by(N) {
-            values[begin..begin + N].copy_from_slice(&sample::<N>(source, warp, begin).values(window.mean));
+            values[begin..begin + N].copy_from_slice(&sample::<N>(source, &warp, begin).values(window.mean));
         }
         [mean[i], second[i], product[i]] = moments::<N>(window, &values);
     }
@@ -97,13 +94,14 @@ mod tests {
     use super::*;
     use crate::isa::Isa;
     use crate::luminance::Padded;
+    use crate::transfer::Affine;
     use crate::window::{self, OFFSETS};
     use vamvs_core::{Grid, Size};
 
     const NOISE: f32 = 1.5;
 
     fn correlation(window: &Window, source: &Quads, warp: &Affine, noise: f32, isa: Isa) -> f32 {
-        let found = correlations(window, &[None, Some((source, *warp)), None, None], noise, isa);
+        let found = correlations(window, &[None, Some(source), None, None], &Warps::all(warp), noise, isa);
         assert_eq!([found[0], found[2], found[3]], [0.0; 3]);
         found[1]
     }

@@ -125,6 +125,7 @@ mod tests {
     use super::*;
     use crate::isa::Isa;
     use crate::luminance::Padded;
+    use crate::transfer::Warps;
     use crate::window::window;
     use vamvs_core::{Grid, Size};
 
@@ -157,8 +158,9 @@ mod tests {
         let source = Quads::new(&picture(1.3, 1.1));
         let warp = Affine { u: 30.2, v: 25.1, ux: 1.1, uy: 0.1, vx: -0.1, vy: 0.9 };
         let own = normal(&window, &source, &warp, [1.0, 0.0], 1.5, Isa::Scalar).correlation;
-        let places = [Some((&source, warp)), None, None, None];
-        let expected = crate::correlation::correlations(&window, &places, 1.5, Isa::Scalar);
+        let images = [Some(&source), None, None, None];
+        let expected =
+            crate::correlation::correlations(&window, &images, &Warps::all(&warp), 1.5, Isa::Scalar);
         assert!((own - expected[0]).abs() < 1e-6);
     }
 }

@@ -2,13 +2,13 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::correlation::{Place, TOGETHER, correlations};
-use crate::descent::{Normal, normal};
+use crate::correlation::correlations;
+use crate::descent::normal;
 use crate::geometry::Seen;
-use crate::matcher::{Matcher, Pixel};
+use crate::matcher::{Group, Matcher, Pixel};
 use crate::plane::Plane;
-use crate::source::{MOST_SOURCES, Source};
-use crate::transfer::Affine;
+use crate::source::MOST_SOURCES;
+use crate::transfer::TOGETHER;
 
 /// The energy of an impossible plane: behind a camera, or steeper than [`STEEPEST`].
 pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
@@ -18,7 +18,7 @@ const STEEPEST: f32 = 1.2;
 
 /// A plane that is worse by more than this in the views that have matched best so far is not tried in the others.
 /// Neither is a plane that is better in them: it is accepted at once.
-const HOPELESS: f32 = 0.1;
+const HOPELESS: f32 = 0.03;
 
 /// A set of source views, one bit per view.
 pub(crate) type Views = u16;
@@ -101,6 +101,11 @@ fn indices(views: Views) -> impl Iterator<Item = usize> {
         .map(|left| left.trailing_zeros() as usize)
 }
 
+/// The views of a set that are in a group, the first of the group in the lowest bit.
+fn of_group(views: Views, group: usize) -> Views {
+    (views >> (group * TOGETHER)) & ((1 << TOGETHER) - 1)
+}
+
 impl Pixel<'_> {
     /// The energy of a plane: 1 − the mean correlation of the best views, plus their geometric cost, plus the cost of
     /// the distance to the prior. `rival` is the best plane so far; a plane that is hopeless against it gets
@@ -148,93 +153,83 @@ impl Pixel<'_> {
     /// The number of sources whose own depth maps meet the plane to one pixel of reprojection error; `None` if no
     /// source has a depth map.
     pub fn geometric_agreement(&self, plane: &Plane) -> Option<usize> {
-        let sources = &self.matcher.sources;
-        let meets = |&source: &usize| self.seen_by(source, plane).is_some_and(|seen| seen.way < 1.0);
-        let known = sources.iter().any(|source| source.geometry.is_some());
-        known.then(|| (0..sources.len()).filter(meets).count())
+        let meeting = |group| Some(self.seen(group, plane)?.way.iter().filter(|way| **way < 1.0).count());
+        (0..self.matcher.groups.len()).map(meeting).sum()
     }
 
-    /// The surface in a source's own depth map where the source sees the plane; `None` if there is none.
-    pub fn seen_by(&self, source: usize, plane: &Plane) -> Option<Seen> {
-        let view = &self.matcher.sources[source];
-        let place = view.transfer.place(self.rays[source], plane.w)?;
-        view.geometry.as_ref()?.seen(place, (self.x, self.y))
+    /// The surfaces in the own depth maps of a group of sources where they see the plane; `None` if they have none.
+    pub fn seen(&self, group: usize, plane: &Plane) -> Option<Seen> {
+        let Group { transfers, geometries } = &self.matcher.groups[group];
+        let geometries = geometries.as_ref()?;
+        let warps = transfers.warps(&self.rays[group], plane);
+        Some(geometries.seen(&warps.inside, (&warps.u, &warps.v), (self.x, self.y)))
     }
 
     /// The sum of the normal equations of some source views at a plane, in units of [`Pixel::step`]. Views that do
     /// not see the pixel or do not correlate are left out.
     pub fn normal(&self, plane: &Plane, views: Views) -> (Matrix3<f32>, Vector3<f32>) {
         let (mut matrix, mut vector) = (Matrix3::zeros(), Vector3::zeros());
-        for index in indices(views) {
-            let Some(normal) = self.normal_of(index, plane).filter(|normal| normal.correlation > 0.0) else {
+        let Matcher { options, isa, sources, groups, .. } = self.matcher;
+        for (number, Group { transfers, .. }) in groups.iter().enumerate() {
+            let wanted = of_group(views, number);
+            if wanted == 0 {
                 continue;
-            };
-            matrix += normal.matrix;
-            vector += normal.vector;
+            }
+            let warps = transfers.warps(&self.rays[number], plane);
+            let [across, along] = transfers.speeds(&self.rays[number], plane.w);
+            for index in indices(wanted) {
+                let Some(warp) = warps.of(index) else { continue };
+                let speed = [across[index] * self.step, along[index] * self.step];
+                let quads = &sources[number * TOGETHER + index].quads;
+                let normal = normal(&self.window, quads, &warp, speed, options.noise, *isa);
+                if normal.correlation > 0.0 {
+                    matrix += normal.matrix;
+                    vector += normal.vector;
+                }
+            }
         }
         (matrix, vector)
     }
 
     /// Evaluates a plane in some source views. Returns the sum of their costs.
     #[inline]
-    fn costs(&self, mut views: Views, plane: &Plane, costs: &mut Costs) -> Cost {
+    fn costs(&self, views: Views, plane: &Plane, costs: &mut Costs) -> Cost {
         let mut sum = Cost::default();
-        while views != 0 {
-            let (mut some, mut count) = ([0; TOGETHER], 0);
-            for index in indices(views).take(TOGETHER) {
-                some[count] = index;
-                count += 1;
-                views &= views - 1;
+        for group in 0..self.matcher.groups.len() {
+            let wanted = of_group(views, group);
+            if wanted != 0 {
+                sum += self.costs_in(group, wanted, plane, costs);
             }
-            sum += self.costs_of_some(&some[..count], plane, costs);
         }
         sum
     }
 
-    /// As [`Pixel::costs`], for at most [`TOGETHER`] views.
+    /// As [`Pixel::costs`], for views of one group, one bit per view of the group.
     #[inline]
-    fn costs_of_some(&self, views: &[usize], plane: &Plane, costs: &mut Costs) -> Cost {
-        let Matcher { options, isa, sources, .. } = self.matcher;
-        let (mut warps, mut places) = ([None; TOGETHER], [Place::None; TOGETHER]);
-        for (index, (warp, place)) in views.iter().zip(warps.iter_mut().zip(&mut places)) {
-            let Source { transfer, quads, .. } = &sources[*index];
-            *warp = transfer.affine(self.rays[*index], plane);
-            *place = warp.filter(|warp| quads.contains(warp.u, warp.v)).map(|warp| (quads, warp));
+    fn costs_in(&self, group: usize, views: Views, plane: &Plane, costs: &mut Costs) -> Cost {
+        let Matcher { options, isa, sources, groups, .. } = self.matcher;
+        let Group { transfers, geometries } = &groups[group];
+        let warps = transfers.warps(&self.rays[group], plane);
+        let (mut images, mut wanted) = ([None; TOGETHER], [false; TOGETHER]);
+        for index in indices(views) {
+            images[index] = Some(&sources[group * TOGETHER + index].quads);
+            wanted[index] = warps.inside[index];
         }
-        let found = correlations(&self.window, &places, options.noise, *isa);
+        let correlations = correlations(&self.window, &images, &warps, options.noise, *isa);
+        let seen = geometries.as_ref().map(|all| all.seen(&wanted, (&warps.u, &warps.v), (self.x, self.y)));
+        let way = |index: usize| {
+            let known = geometries.as_ref().is_some_and(|all| all.has(index));
+            seen.as_ref().filter(|_| known).map_or(0.0, |seen| seen.way[index].min(options.geometric_reach))
+        };
         let mut sum = Cost::default();
-        for ((index, correlation), warp) in views.iter().zip(found).zip(&warps) {
-            let total = 1.0 - correlation + self.geometric_cost(&sources[*index], warp.as_ref());
-            let cost = Cost { total, correlation };
-            costs.values[*index] = (total + self.handicaps[*index], cost);
+        for index in indices(views) {
+            let correlation = correlations[index];
+            let cost = Cost { total: 1.0 - correlation + options.geometric * way(index), correlation };
+            let source = group * TOGETHER + index;
+            costs.values[source] = (cost.total + self.handicaps[source], cost);
             sum += cost;
         }
         sum
-    }
-
-    #[inline]
-    fn normal_of(&self, index: usize, plane: &Plane) -> Option<Normal> {
-        let warp = self.warp(index, plane)?;
-        let source = &self.matcher.sources[index];
-        let speed = source.transfer.speed(self.rays[index], plane.w).map(|speed| speed * self.step);
-        let noise = self.matcher.options.noise;
-        Some(normal(&self.window, &source.quads, &warp, speed, noise, self.matcher.isa))
-    }
-
-    /// The warp of the window into a source image; `None` if the pixel projects outside of it.
-    #[inline]
-    fn warp(&self, index: usize, plane: &Plane) -> Option<Affine> {
-        let source = &self.matcher.sources[index];
-        let warp = source.transfer.affine(self.rays[index], plane)?;
-        source.quads.contains(warp.u, warp.v).then_some(warp)
-    }
-
-    #[inline]
-    fn geometric_cost(&self, source: &Source, warp: Option<&Affine>) -> f32 {
-        let Some(geometry) = &source.geometry else { return 0.0 };
-        let reach = self.matcher.options.geometric_reach;
-        let seen = warp.and_then(|warp| geometry.seen((warp.u, warp.v), (self.x, self.y)));
-        self.matcher.options.geometric * seen.map_or(reach, |seen| seen.way.min(reach))
     }
 
     #[inline]

@@ -1,9 +1,10 @@
 //! A source view's own depth map, compared with a reference pixel.
 
 use vamvs_core::depth_map::is_valid;
-use vamvs_core::{DepthMap, Grid, Pinhole, Pose};
+use vamvs_core::{DepthMap, Grid, Pinhole, Pose, Size};
 
-use crate::transfer::Transfer;
+use crate::sampling::{at_least, at_most};
+use crate::transfer::{Four, TOGETHER, Transfer, Transfers};
 
 /// Neighbouring inverse depths belong to two surfaces if they differ by more than this share.
 const JUMP: f32 = 0.02;
@@ -17,14 +18,20 @@ pub(crate) struct Geometry {
     to_reference: Transfer,
 }
 
-/// The surface of a source's own depth map at the position where the source sees a reference pixel.
+/// The depth maps of at most four source views.
+pub(crate) struct Geometries {
+    each: Four<Option<Geometry>>,
+    to_reference: Transfers,
+}
+
+/// The surfaces of four sources' own depth maps at the positions where the sources see a reference pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Seen {
     /// The forward-backward reprojection error: the distance from the reference pixel's centre to the projection of
-    /// the source's surface, pixels.
-    pub way: f32,
+    /// the source's surface, pixels; infinite where there is no such surface.
+    pub way: Four,
     /// The surface's inverse depth in the reference view.
-    pub w: f32,
+    pub w: Four,
 }
 
 impl Geometry {
@@ -46,44 +53,73 @@ impl Geometry {
         }
     }
 
-    /// Projects the source's depth at `(u, v)`, in its photograph, back to the reference view, where `(x, y)` is the
-    /// centre of the pixel that the source sees there. `None` if the source has no depth there, or the point is
-    /// behind the reference camera.
+    /// Inverse depth at image coordinates of the source's photograph: bilinear on one surface, else that of the nearest
+    /// pixel. 0 where there is none, as outside of the map.
     #[inline]
-    pub fn seen(&self, (u, v): (f32, f32), (x, y): (f32, f32)) -> Option<Seen> {
+    fn at(&self, u: f32, v: f32) -> f32 {
         let [[scale_x, shift_x], [scale_y, shift_y]] = self.to_map;
-        let w_in_source = self.at(u * scale_x + shift_x, v * scale_y + shift_y).filter(|&w| w > 0.0)?;
-        let back = self.to_reference.seen(self.to_reference.ray(u, v), w_in_source);
-        if back[2] <= 0.0 {
-            return None;
+        let (u, v) = (u * scale_x + shift_x, v * scale_y + shift_y);
+        let (width, height) = (self.inverse.width(), self.inverse.height());
+        let inside = u >= 0.0 && v >= 0.0 && u < width as f32 && v < height as f32;
+        if !inside {
+            return 0.0;
         }
-        let (dx, dy) = (back[0] / back[2] - x, back[1] / back[2] - y);
-        Some(Seen { way: (dx * dx + dy * dy).sqrt(), w: w_in_source / back[2] })
-    }
-
-    /// Inverse depth at image coordinates of the map: bilinear on one surface, else that of the nearest pixel. `None`
-    /// outside of the map.
-    #[inline]
-    fn at(&self, u: f32, v: f32) -> Option<f32> {
-        if u < 0.0 || v < 0.0 {
-            return None;
-        }
-        let (x, y) = (u as usize, v as usize);
-        let nearest = *self.inverse.get(x, y)?;
-        let (left, top) = ((u - 0.5).max(0.0), (v - 0.5).max(0.0));
+        let nearest = || self.inverse[(u as usize, v as usize)];
+        let (left, top) = (at_least(u - 0.5, 0.0), at_least(v - 0.5, 0.0));
         let (x, y) = (left as usize, top as usize);
-        if x + 1 >= self.inverse.width() || y + 1 >= self.inverse.height() {
-            return Some(nearest);
+        if x + 1 >= width || y + 1 >= height {
+            return nearest();
         }
-        let (upper, lower) = (&self.inverse.row(y)[x..x + 2], &self.inverse.row(y + 1)[x..x + 2]);
-        let low = upper[0].min(upper[1]).min(lower[0]).min(lower[1]);
-        let high = upper[0].max(upper[1]).max(lower[0]).max(lower[1]);
+        let four = &self.inverse.data()[y * width + x..][..width + 2];
+        let ([a, b], [c, d]) = ([four[0], four[1]], [four[width], four[width + 1]]);
+        let (low, high) = (at_most(at_most(a, b), at_most(c, d)), at_least(at_least(a, b), at_least(c, d)));
         if low < (1.0 - JUMP) * high {
-            return Some(nearest);
+            return nearest();
         }
         let (fx, fy) = (left - x as f32, top - y as f32);
-        let (upper, lower) = (upper[0] + fx * (upper[1] - upper[0]), lower[0] + fx * (lower[1] - lower[0]));
-        Some(upper + fy * (lower - upper))
+        let (upper, lower) = (a + fx * (b - a), c + fx * (d - c));
+        upper + fy * (lower - upper)
+    }
+}
+
+impl Geometries {
+    /// The geometries of at most four views, `None` for those without a depth map.
+    pub fn new(views: impl IntoIterator<Item = Option<Geometry>>) -> Self {
+        let mut each = Four::default();
+        each.iter_mut().zip(views).for_each(|(to, view)| *to = view);
+        let nowhere = Transfer::default();
+        let transfers = each.each_ref().map(|view| view.as_ref().map_or(&nowhere, |view| &view.to_reference));
+        let to_reference = Transfers::new(transfers.into_iter().map(|transfer| (transfer, Size::new(0, 0))));
+        Self { each, to_reference }
+    }
+
+    /// Whether a source has a depth map.
+    #[inline]
+    pub fn has(&self, view: usize) -> bool {
+        self.each[view].is_some()
+    }
+
+    /// Projects the depths of those sources that are `wanted` at `(u, v)`, in their photographs, back to the reference
+    /// view, where `(x, y)` is the centre of the pixel that the sources see there.
+    #[inline]
+    pub fn seen(&self, wanted: &Four<bool>, (u, v): (&Four, &Four), (x, y): (f32, f32)) -> Seen {
+        let mut in_source = [0.0; TOGETHER];
+        for (i, geometry) in self.each.iter().enumerate() {
+            if wanted[i]
+                && let Some(geometry) = geometry
+            {
+                in_source[i] = geometry.at(u[i], v[i]);
+            }
+        }
+        let back = self.to_reference.seen(&self.to_reference.rays_of(u, v), &in_source);
+        let (mut way, mut w) = ([0.0; TOGETHER], [0.0; TOGETHER]);
+        for i in 0..TOGETHER {
+            let (dx, dy) = (back[0][i] / back[2][i] - x, back[1][i] / back[2][i] - y);
+            let is_there = (in_source[i] > 0.0) & (back[2][i] > 0.0);
+            way[i] = if is_there { (dx * dx + dy * dy).sqrt() } else { f32::INFINITY };
+            w[i] = in_source[i] / back[2][i];
+        }
+        Seen { way, w }
     }
 }
 
@@ -111,21 +147,27 @@ mod tests {
             confidence: Grid::filled(CAMERA.size, 1.0),
             coarse_confidence: None,
         };
-        let geometry = Geometry::new(&map, (&CAMERA, &at(1.0)), (&CAMERA, &at(0.0)));
-        let transfer = Transfer::new((&CAMERA, &at(0.0)), (&CAMERA, &at(1.0)));
-        let seen = |x: f32, y: f32, w: f32| {
-            let place = transfer.place(transfer.ray(x, y), w).unwrap();
-            geometry.seen(place, (x, y))
-        };
+        let alone = |geometry| Geometries::new([None, Some(geometry)]);
+        let geometry = alone(Geometry::new(&map, (&CAMERA, &at(1.0)), (&CAMERA, &at(0.0))));
         // The disparity is 100 w: 25 pixels at the source's depth of 4.
-        let near = seen(60.5, 20.5, 0.24).unwrap();
-        assert!((near.way - 1.0).abs() < 1e-4 && (near.w - 0.25).abs() < 1e-6);
-        assert!(seen(60.5, 20.5, 0.25).unwrap().way < 1e-4);
-        assert_eq!(seen(20.5, 20.5, 0.25), None, "outside of the source's image, on the left");
+        let seen = |x: f32, y: f32, w: f32| {
+            let found =
+                geometry.seen(&[true; TOGETHER], (&[x - 100.0 * w; TOGETHER], &[y; TOGETHER]), (x, y));
+            assert_eq!([found.way[0], found.way[2], found.way[3]], [f32::INFINITY; 3], "there is one map");
+            (found.way[1], found.w[1])
+        };
+        let (way, w) = seen(60.5, 20.5, 0.24);
+        assert!((way - 1.0).abs() < 1e-4 && (w - 0.25).abs() < 1e-6);
+        assert!(seen(60.5, 20.5, 0.25).0 < 1e-4);
+        assert_eq!(seen(20.5, 20.5, 0.25).0, f32::INFINITY, "outside of the source's image, on the left");
+        let unwanted =
+            geometry.seen(&[false; TOGETHER], (&[35.5; TOGETHER], &[20.5; TOGETHER]), (60.5, 20.5));
+        assert_eq!(unwanted.way, [f32::INFINITY; TOGETHER]);
         // The same map, now as one of half the size of a larger photograph.
         let twice = CAMERA.resized(Size::new(160, 120));
-        let smaller = Geometry::new(&map, (&twice, &at(1.0)), (&CAMERA, &at(0.0)));
-        assert!(smaller.seen((71.0, 41.0), (60.5, 20.5)).unwrap().way < 1e-4);
+        let smaller = alone(Geometry::new(&map, (&twice, &at(1.0)), (&CAMERA, &at(0.0))));
+        let found = smaller.seen(&[true; TOGETHER], (&[71.0; TOGETHER], &[41.0; TOGETHER]), (60.5, 20.5));
+        assert!(found.way[1] < 1e-4);
     }
 
     #[test]
@@ -139,10 +181,10 @@ mod tests {
             coarse_confidence: None,
         };
         let geometry = Geometry::new(&map, (&CAMERA, &at(0.0)), (&CAMERA, &at(0.0)));
-        let w = geometry.at(20.75, 30.2).unwrap();
+        let w = geometry.at(20.75, 30.2);
         assert!((w - (0.25 + 1e-4 * 20.25)).abs() < 1e-6, "{w}");
         assert_eq!(geometry.at(39.9, 30.2), geometry.at(39.5, 30.5), "the pixel's own");
-        assert!(geometry.at(40.1, 30.2).unwrap() > 0.49);
-        assert_eq!(geometry.at(80.5, 30.2), None);
+        assert!(geometry.at(40.1, 30.2) > 0.49);
+        assert_eq!(geometry.at(80.5, 30.2), 0.0);
     }
 }

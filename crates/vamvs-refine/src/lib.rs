@@ -47,6 +47,7 @@ pub use refined::{Refined, Surface};
 pub use source::MOST_SOURCES;
 
 use field::{Field, State};
+use geometry::Geometry;
 use matcher::Matcher;
 use sweep::{Sweep, consider, sweep};
 
@@ -196,11 +197,11 @@ pub fn refine_geometric(
 fn refined_again(problem: &Problem<'_>, first: &Surface<'_>, depths: &[Option<&DepthMap>]) -> Refined {
     let (reference, found) = (problem.reference, first.map.depth.size());
     let is_half = found != reference.camera.size;
-    let mut matcher = solve::matcher(problem, 0);
     let here = (&reference.camera, &reference.cam_from_world);
-    let with_photos = matcher.sources.into_iter().zip(problem.sources.iter().zip(depths));
-    let with_depth = with_photos.map(|(source, (photo, depth))| source.with_depth(*depth, photo, here));
-    matcher.sources = with_depth.collect();
+    let of_source = |(photo, depth): (&&Photo, &Option<&DepthMap>)| {
+        depth.map(|depth| Geometry::new(depth, (&photo.camera, &photo.cam_from_world), here))
+    };
+    let matcher = solve::matcher(problem, 0).with_depths(problem.sources.iter().zip(depths).map(of_source));
     let planes = Field::new(found, |x, y| State::unjudged(first.plane(x, y)));
     let prior = |x: usize, y: usize| {
         if is_half { solve::parent(&planes, x, y).0.w } else { planes.at(x, y).plane.w }

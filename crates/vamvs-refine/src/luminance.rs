@@ -105,12 +105,6 @@ impl Quads {
     pub fn words(&self) -> &[u32] {
         self.grid.data()
     }
-
-    /// Whether image coordinates lie in the image.
-    #[inline]
-    pub fn contains(&self, u: f32, v: f32) -> bool {
-        u >= 0.0 && v >= 0.0 && u < self.grid.width() as f32 && v < self.grid.height() as f32
-    }
 }
 
 /// Luminance and mask of a photograph at 1/2^level.

@@ -3,17 +3,31 @@
 use vamvs_core::{Grid, Size};
 
 use crate::RefineOptions;
+use crate::geometry::{Geometries, Geometry};
 use crate::isa::Isa;
 use crate::luminance::Padded;
 use crate::source::{MOST_SOURCES, Source};
+use crate::transfer::{Four, TOGETHER, Transfers};
 use crate::window::{Window, window};
+
+/// Most groups of source views.
+const MOST_GROUPS: usize = MOST_SOURCES / TOGETHER;
 
 /// All photographs at one resolution.
 pub(crate) struct Matcher<'a> {
     pub image: Padded,
     pub sources: Vec<Source<'a>>,
+    /// The sources four by four, in their order.
+    pub groups: Vec<Group>,
     pub options: &'a RefineOptions,
     pub isa: Isa,
+}
+
+/// At most four source views, which are compared together.
+pub(crate) struct Group {
+    pub transfers: Transfers,
+    /// Their own depth maps.
+    pub geometries: Option<Geometries>,
 }
 
 /// A reference pixel with all quantities that do not depend on the plane.
@@ -28,21 +42,40 @@ pub(crate) struct Pixel<'a> {
     pub step: f32,
     /// The prior inverse depth; 0 if there is none.
     pub prior: f32,
-    /// [`crate::transfer::Transfer::ray`] for each source.
-    pub rays: [[f32; 3]; MOST_SOURCES],
+    /// [`Transfers::rays`] of each group.
+    pub rays: [[Four; 3]; MOST_GROUPS],
     /// What is added to each source's cost when the best sources are chosen.
     pub handicaps: [f32; MOST_SOURCES],
 }
 
 impl<'a> Matcher<'a> {
+    /// The matcher of a reference image and its sources.
+    pub fn new(image: Padded, sources: Vec<Source<'a>>, options: &'a RefineOptions) -> Self {
+        let group = |sources: &[Source]| Group {
+            transfers: Transfers::new(sources.iter().map(|source| (&source.transfer, source.quads.size()))),
+            geometries: None,
+        };
+        let groups = sources.chunks(TOGETHER).map(group).collect();
+        Self { image, sources, groups, options, isa: Isa::best() }
+    }
+
+    /// The same with the sources' own depth maps, `None` for those that have none.
+    pub fn with_depths(mut self, depths: impl IntoIterator<Item = Option<Geometry>>) -> Self {
+        let mut depths = depths.into_iter();
+        for group in &mut self.groups {
+            group.geometries = Some(Geometries::new(depths.by_ref().take(TOGETHER)));
+        }
+        self
+    }
+
     /// The change of inverse depth at `(x, y)`, near inverse depth `w`, that is one pixel of disparity, on average
     /// over the sources.
     pub fn step(&self, x: usize, y: usize, w: f32) -> f32 {
-        let of = |source: &Source| {
-            let ray = source.transfer.ray(x as f32 + 0.5, y as f32 + 0.5);
-            source.transfer.disparity(ray, w)
+        let of = |group: &Group| {
+            let rays = group.transfers.rays(x as f32 + 0.5, y as f32 + 0.5);
+            group.transfers.disparity(&rays, w)
         };
-        self.sources.len() as f32 / self.sources.iter().map(of).sum::<f32>()
+        self.sources.len() as f32 / self.groups.iter().map(of).sum::<f32>()
     }
 
     /// The pixel `(x, y)`, near inverse depth `w`. `None` if it is masked, or if its projection moves with depth
@@ -53,11 +86,13 @@ impl<'a> Matcher<'a> {
             return None;
         }
         let (px, py) = (x as f32 + 0.5, y as f32 + 0.5);
-        let (mut rays, mut handicaps) = ([[0.0; 3]; MOST_SOURCES], [0.0; MOST_SOURCES]);
+        let (mut rays, mut handicaps) = ([[[0.0; TOGETHER]; 3]; MOST_GROUPS], [0.0; MOST_SOURCES]);
         let mut disparity = 0.0;
-        for (source, (ray, handicap)) in self.sources.iter().zip(rays.iter_mut().zip(&mut handicaps)) {
-            *ray = source.transfer.ray(px, py);
-            disparity += source.transfer.disparity(*ray, w);
+        for (group, rays) in self.groups.iter().zip(&mut rays) {
+            *rays = group.transfers.rays(px, py);
+            disparity += group.transfers.disparity(rays, w);
+        }
+        for (source, handicap) in self.sources.iter().zip(&mut handicaps) {
             let visible = source.visibility.map_or(1.0, |grid| nearest(grid, px, py, self.image.size));
             *handicap = self.options.visibility * (1.0 - visible);
         }

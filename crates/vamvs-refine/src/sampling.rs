@@ -87,6 +87,6 @@ pub(crate) fn at_least(value: f32, least: f32) -> f32 {
 }
 
 #[inline(always)]
-fn at_most(value: f32, most: f32) -> f32 {
+pub(crate) fn at_most(value: f32, most: f32) -> f32 {
     if value < most { value } else { most }
 }

@@ -9,14 +9,14 @@ use crate::plane::Plane;
 use crate::seed::{Guess, Seed};
 use crate::source::{Source, reduced};
 use crate::sweep::{Sweep, consider, sweep};
-use crate::{Isa, Problem, RefineOptions};
+use crate::{Problem, RefineOptions};
 
 /// Most halvings of the photograph.
 const MOST_LEVELS: usize = 2;
 
 /// When planes are enlarged, a neighbour's plane is tried if it is farther from the pixel's own than this, pixels
 /// of disparity.
-const APART: f32 = 0.5;
+const APART: f32 = 1.0;
 
 /// The matcher of a problem, with photographs at 1/2^level of their size.
 pub(crate) fn matcher<'a>(problem: &Problem<'a>, level: usize) -> Matcher<'a> {
@@ -27,12 +27,8 @@ pub(crate) fn matcher<'a>(problem: &Problem<'a>, level: usize) -> Matcher<'a> {
     let source = |(index, photo): (usize, &&Photo)| {
         Source::new(photo, level, here).with_visibility(problem.visibility.get(index))
     };
-    Matcher {
-        image: Padded::new(&image, mask.as_ref()),
-        sources: problem.sources.iter().enumerate().map(source).collect(),
-        options: problem.options,
-        isa: Isa::best(),
-    }
+    let sources = problem.sources.iter().enumerate().map(source).collect();
+    Matcher::new(Padded::new(&image, mask.as_ref()), sources, problem.options)
 }
 
 /// The planes at the last resolution, the upsampled seed at the first one, and the matcher of the last one.

@@ -1,8 +1,7 @@
 //! A source view as the matcher sees it.
 
-use vamvs_core::{DepthMap, Grid, Photo, Pinhole, Pose};
+use vamvs_core::{Grid, Photo, Pinhole, Pose};
 
-use crate::geometry::Geometry;
 use crate::luminance::{self, Quads};
 use crate::transfer::Transfer;
 
@@ -15,8 +14,6 @@ pub(crate) struct Source<'a> {
     pub transfer: Transfer,
     /// How likely the source sees what a reference pixel shows, 0 to 1, at any size.
     pub visibility: Option<&'a Grid<f32>>,
-    /// The source's own depth map.
-    pub geometry: Option<Geometry>,
 }
 
 impl<'a> Source<'a> {
@@ -26,19 +23,12 @@ impl<'a> Source<'a> {
         let (image, _) = luminance::at_level(photo, level);
         let camera = reduced(&photo.camera, level);
         let transfer = Transfer::new(reference, (&camera, &photo.cam_from_world));
-        Self { quads: Quads::new(&image), transfer, visibility: None, geometry: None }
+        Self { quads: Quads::new(&image), transfer, visibility: None }
     }
 
     /// The source with the network's visibility.
     pub fn with_visibility(self, visibility: Option<&'a Grid<f32>>) -> Self {
         Self { visibility, ..self }
-    }
-
-    /// The source with its depth map; `photo` is the source's photograph and `reference` the
-    /// reference camera, both at full size.
-    pub fn with_depth(self, map: Option<&DepthMap>, photo: &Photo, reference: (&Pinhole, &Pose)) -> Self {
-        let source = (&photo.camera, &photo.cam_from_world);
-        Self { geometry: map.map(|map| Geometry::new(map, source, reference)), ..self }
     }
 }
 

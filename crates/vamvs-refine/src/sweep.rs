@@ -18,9 +18,6 @@ const DIRECTIONS: [[(i32, i32); 4]; 4] = [
 /// Planes are the same if they differ by less than this over the window, pixels of disparity.
 const SAME: f32 = 0.3;
 
-/// Most planes of neighbours that a pixel tries.
-const TRIED: usize = 2;
-
 /// The radius of the window, pixels.
 const RADIUS: f32 = 5.0;
 
@@ -60,7 +57,7 @@ pub(crate) fn sweep(
             if let Some(pixel) = matcher.pixel(x, y, state.plane.w, prior(x, y)) {
                 state.settled &= how.settled;
                 propagate(&pixel, other, (x, y), state);
-                from_sources(&pixel, matcher.sources.len(), state);
+                from_sources(&pixel, matcher.groups.len(), state);
                 for _ in 0..how.steps {
                     descend(&pixel, state, matcher.options.noise);
                 }
@@ -69,44 +66,42 @@ pub(crate) fn sweep(
     }
 }
 
-/// Takes the plane of a neighbour if its energy is lower. Of each direction, the neighbour with the lowest energy
-/// proposes its plane; the best [`TRIED`] different ones of these planes are tried.
+/// Takes the plane of a neighbour if its energy is lower. Of each direction, the neighbour with the lowest energy proposes
+/// its plane; of those planes that are not the pixel's own, the one with the lowest energy is tried. More planes would fit
+/// the noise of textureless windows more often than they would find a surface.
 fn propagate(pixel: &Pixel, other: Colour, place: (usize, usize), state: &mut State) {
-    let mut found = [(f32::INFINITY, Plane::default()); DIRECTIONS.len()];
-    for (found, direction) in found.iter_mut().zip(&DIRECTIONS) {
+    let (mut least, mut proposed) = (f32::INFINITY, None);
+    for direction in &DIRECTIONS {
         let neighbours =
             direction.iter().filter_map(|&offset| Some((other.neighbour(place, offset)?, offset)));
-        if let Some((state, (dx, dy))) = neighbours.min_by(|a, b| a.0.energy.total_cmp(&b.0.energy)) {
-            *found = (state.energy, state.plane.seen_from(-dx as f32, -dy as f32));
+        let Some((neighbour, (dx, dy))) = neighbours.min_by(|a, b| a.0.energy.total_cmp(&b.0.energy)) else {
+            continue;
+        };
+        let plane = neighbour.plane.seen_from(-dx as f32, -dy as f32);
+        if neighbour.energy < least && !same(&plane, &state.plane, pixel.step) {
+            (least, proposed) = (neighbour.energy, Some(plane));
         }
     }
-    found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let (mut known, mut count) = ([state.plane; TRIED + 1], 1);
-    for (energy, plane) in found {
-        if count > TRIED || energy == f32::INFINITY {
-            break;
-        }
-        if !known[..count].iter().any(|other| same(&plane, other, pixel.step)) {
-            consider(pixel, plane, state);
-            known[count] = plane;
-            count += 1;
-        }
+    if let Some(plane) = proposed {
+        consider(pixel, plane, state);
     }
 }
 
 /// Takes the depth of a source view's own depth map if its energy is lower. Of source views that have the same depth,
 /// one proposes it.
-fn from_sources(pixel: &Pixel, count: usize, state: &mut State) {
+fn from_sources(pixel: &Pixel, groups: usize, state: &mut State) {
     let (mut tried, mut most) = ([0.0; MOST_SOURCES], 0);
-    for source in 0..count {
-        let Some(seen) = pixel.seen_by(source, &state.plane) else { continue };
-        let near = |w: f32| (seen.w - w).abs() < SAME * pixel.step;
-        if near(state.plane.w) || tried[..most].iter().any(|&w| near(w)) {
-            continue;
+    for group in 0..groups {
+        let Some(seen) = pixel.seen(group, &state.plane) else { return };
+        for (w, _) in seen.w.into_iter().zip(seen.way).filter(|(_, way)| way.is_finite()) {
+            let near = |other: f32| (w - other).abs() < SAME * pixel.step;
+            if near(state.plane.w) || tried[..most].iter().any(|&w| near(w)) {
+                continue;
+            }
+            tried[most] = w;
+            most += 1;
+            consider(pixel, Plane { w, ..state.plane }, state);
         }
-        tried[most] = seen.w;
-        most += 1;
-        consider(pixel, Plane { w: seen.w, ..state.plane }, state);
     }
 }
 
