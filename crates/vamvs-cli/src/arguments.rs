@@ -252,13 +252,13 @@ pub struct InfoArguments {
 pub struct DepthFlags {
     #[cfg_attr(
         feature = "net",
-        doc = "The network: vis-max (trained), vis-corr (light, still in training) or photometric"
+        doc = "The network: vis-corr (light), vis-max (a few more pixels right, for many times the time) or photometric"
     )]
     #[cfg_attr(
         feature = "net",
         doc = "(handcrafted), which are built in, a TorchScript module, or none: a plane sweep"
     )]
-    #[cfg_attr(feature = "net", doc = "with semi-global matching [default: vis-max].")]
+    #[cfg_attr(feature = "net", doc = "with semi-global matching [default: vis-corr].")]
     #[cfg_attr(
         not(feature = "net"),
         doc = "none, a plane sweep with semi-global matching: this build has no networks."
@@ -329,7 +329,7 @@ pub struct NetworkFlags {
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
     /// Stride of the coarse depth map: 8 pixels of the photograph, or 4, which keeps thin structures and edges but
-    /// takes three times as long [default: the network's, 4 for vis-max, 8 for photometric].
+    /// takes three times as long [default: the network's, 4 for vis-corr and vis-max, 8 for photometric].
     #[arg(long, alias = "cells", value_name = "PIXELS")]
     pub coarse_stride: Option<usize>,
     /// Number of flow iterations; later ones are finer [default: all that the network has].

@@ -16,7 +16,7 @@ use crate::arguments::{CommonFlags, ExportFlags, FusionFlags, Preset};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Settings {
-    /// The network: the name of a built-in one, a file, or none; vis-max if not given.
+    /// The network: the name of a built-in one, a file, or none; vis-corr if not given.
     pub weights: Option<PathBuf>,
     /// auto, cpu, cuda or cuda:N.
     pub device: Option<String>,

@@ -90,7 +90,6 @@ impl Warps {
 }
 
 // Loops over four values, which the compiler turns into vector instructions.
-#[expect(clippy::needless_range_loop, reason = "one view of many arrays at a time")]
 impl Transfers {
     /// The transfers to views whose images have these sizes, at most four.
     pub fn new<'a>(views: impl IntoIterator<Item = (&'a Transfer, Size)>) -> Self {

@@ -7,12 +7,13 @@ use crate::weights::NONE;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Quality {
-    /// A quick look at a capture: photographs of 800 pixels at most, vis-corr, one pass of refinement.
+    /// A quick look at a capture: photographs of 800 pixels at most, vis-corr, one pass of refinement; a fifth of the time
+    /// of normal.
     Draft,
-    /// The defaults.
+    /// The defaults: vis-corr, both passes of refinement.
     #[default]
     Normal,
-    /// vis-max, which sees photographs of 1024 pixels.
+    /// vis-max, which sees photographs of 1024 pixels: the fewest outliers, for ten times the time of normal.
     Best,
 }
 
@@ -22,8 +23,8 @@ impl Quality {
     pub fn weights(self) -> &'static str {
         match self {
             _ if cfg!(not(feature = "net")) => NONE,
-            Self::Draft => "vis-corr",
-            Self::Normal | Self::Best => "vis-max",
+            Self::Draft | Self::Normal => "vis-corr",
+            Self::Best => "vis-max",
         }
     }
 

@@ -10,8 +10,8 @@ use crate::{Quality, VamvsError};
 
 /// The networks that are built in, by name.
 const BUILT_IN: [(&str, &[u8]); 3] = [
-    ("vis-max", vamvs_weights::VIS_MAX),
     ("vis-corr", vamvs_weights::VIS_CORR),
+    ("vis-max", vamvs_weights::VIS_MAX),
     ("photometric", vamvs_weights::PHOTOMETRIC),
 ];
 
