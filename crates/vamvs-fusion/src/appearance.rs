@@ -7,7 +7,8 @@ use vamvs_core::{Grid, Rgb};
 use crate::normals::{directions_of_row, fits_of_row};
 use crate::packed_normal::{PackedNormal, pack};
 use crate::photometric::FilteredView;
-use crate::{FuseError, FuseOptions, FusionView, MaskedMap};
+use crate::source::expect_sizes;
+use crate::{FuseError, FuseOptions, MapSource};
 
 /// A view as the second pass needs it.
 pub(crate) struct SeenView {
@@ -27,14 +28,23 @@ pub(crate) struct Look {
 }
 
 impl SeenView {
-    /// Applies the photometric filter to view number `view`, and derives the normals unless it has some.
-    pub fn new(view: usize, loaded: FusionView, options: &FuseOptions) -> Result<Self, FuseError> {
-        loaded.check(view)?;
-        let FusionView { map, mask, colour, normals } = loaded;
-        let filtered = FilteredView::new(view, &MaskedMap { map, mask }, options)?;
-        let look = colour.map(|&colour| Look { colour, ..Look::default() });
-        let mut seen = Self { filtered, look };
+    /// Loads view number `view` part by part, applies the photometric filter, and derives the normals unless it has some.
+    pub fn load<S: MapSource + ?Sized>(
+        view: usize,
+        source: &S,
+        options: &FuseOptions,
+    ) -> Result<Self, FuseError> {
+        let failed = |error: S::Error| FuseError::Load { view, source: error.into() };
+        let filtered = FilteredView::load(view, source, options)?;
+        let size = filtered.size();
+        let mut seen = Self { filtered, look: Grid::filled(size, Look::default()) };
+        let normals = source.load_normals(view).map_err(failed)?;
+        expect_sizes(view, size, &[("a map of normals", normals.as_ref().map(Grid::size))])?;
         seen.find_normals(normals.as_ref());
+        drop(normals);
+        let colours = source.load_colour(view, size).map_err(failed)?;
+        expect_sizes(view, size, &[("a colour image", Some(colours.size()))])?;
+        seen.look.data_mut().iter_mut().zip(colours.data()).for_each(|(look, colour)| look.colour = *colour);
         Ok(seen)
     }
 

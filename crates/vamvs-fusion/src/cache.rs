@@ -9,25 +9,34 @@ use crate::FuseError;
 use crate::appearance::SeenView;
 use crate::photometric::FilteredView;
 
-/// Temporary memory for loading a view (files, rasters that are not kept), as a multiple of the
-/// memory of the loaded view.
-const LOADING: usize = 3;
-
 /// A view as a pass needs it.
 pub(crate) trait MemorySize: Send + Sync {
     /// Bytes held in memory.
     fn bytes(&self) -> usize;
+
+    /// Temporary bytes for loading it: rasters that are not kept.
+    fn loading_bytes(&self) -> usize;
 }
 
 impl MemorySize for FilteredView {
     fn bytes(&self) -> usize {
         self.bytes()
     }
+
+    /// Depth, both confidences, and mask.
+    fn loading_bytes(&self) -> usize {
+        self.size().area() * (3 * size_of::<f32>() + 1)
+    }
 }
 
 impl MemorySize for SeenView {
     fn bytes(&self) -> usize {
         self.bytes()
+    }
+
+    /// The normals; what is loaded before them takes less.
+    fn loading_bytes(&self) -> usize {
+        self.filtered.size().area() * size_of::<[f32; 3]>()
     }
 }
 
@@ -43,6 +52,8 @@ pub(crate) struct ViewCache<'a, T> {
     clock: u64,
     /// Bytes of the largest view so far: what the next one is expected to take.
     largest: usize,
+    /// The most temporary bytes that a view took to load.
+    most_loading: usize,
     /// Bytes of the capacity that other data takes.
     set_aside: usize,
     /// Peak of the bytes held, including those set aside and those for loading.
@@ -57,7 +68,16 @@ struct CachedView<T> {
 impl<'a, T: MemorySize> ViewCache<'a, T> {
     pub fn new(capacity: usize, load: impl Fn(usize) -> Result<T, FuseError> + Sync + 'a) -> Self {
         let load = Box::new(load);
-        Self { load, capacity, held: BTreeMap::new(), clock: 0, largest: 0, set_aside: 0, most: 0 }
+        Self {
+            load,
+            capacity,
+            held: BTreeMap::new(),
+            clock: 0,
+            largest: 0,
+            most_loading: 0,
+            set_aside: 0,
+            most: 0,
+        }
     }
 
     /// Sets this many more bytes of the capacity aside for other data.
@@ -96,10 +116,16 @@ impl<'a, T: MemorySize> ViewCache<'a, T> {
     fn get(&mut self, views: &[usize]) -> Result<Vec<Arc<T>>, FuseError> {
         self.clock += 1;
         self.touch(views);
-        let missing = self.missing(views);
-        self.make_room(missing.len() * self.largest + self.loading(missing.len()));
-        let loaded = load_all(&self.load, &missing)?;
-        self.hold(&missing, loaded);
+        let mut missing = self.missing(views);
+        while !missing.is_empty() {
+            self.make_room(self.needed(missing.len()));
+            // The first one alone: it tells what the others will take.
+            let fitting = if self.largest == 0 { 1 } else { self.fitting(missing.len()) };
+            let rest = missing.split_off(fitting.clamp(1, missing.len()));
+            let loaded = load_all(&self.load, &missing)?;
+            self.hold(&missing, loaded);
+            missing = rest;
+        }
         let found = views.iter().map(|view| Arc::clone(&self.held[view].view)).collect();
         self.make_room(0);
         Ok(found)
@@ -109,12 +135,20 @@ impl<'a, T: MemorySize> ViewCache<'a, T> {
     fn room_for(&mut self, views: &[usize]) -> Vec<usize> {
         self.touch(views);
         let mut missing = self.missing(views);
-        let needed = |cache: &Self, count: usize| count * cache.largest + cache.loading(count);
-        self.make_room(needed(self, missing.len()));
-        while !missing.is_empty() && self.bytes() + needed(self, missing.len()) > self.capacity {
-            missing.pop();
-        }
+        self.make_room(self.needed(missing.len()));
+        missing.truncate(self.fitting(missing.len()));
         missing
+    }
+
+    /// Bytes of so many more views, with those for loading them together.
+    fn needed(&self, views: usize) -> usize {
+        views * self.largest + self.loading(views)
+    }
+
+    /// How many of so many views fit in, loaded together.
+    fn fitting(&self, views: usize) -> usize {
+        let bytes = self.bytes();
+        (0..=views).rev().find(|&views| bytes + self.needed(views) <= self.capacity).unwrap_or(0)
     }
 
     fn touch(&mut self, views: &[usize]) {
@@ -131,6 +165,7 @@ impl<'a, T: MemorySize> ViewCache<'a, T> {
     fn hold(&mut self, views: &[usize], loaded: Vec<T>) {
         for (&view, loaded) in views.iter().zip(loaded) {
             self.largest = self.largest.max(loaded.bytes());
+            self.most_loading = self.most_loading.max(loaded.loading_bytes());
             self.held.insert(view, CachedView { view: Arc::new(loaded), last: self.clock });
         }
         self.most = self.most.max(self.bytes() + self.loading(views.len()));
@@ -143,7 +178,7 @@ impl<'a, T: MemorySize> ViewCache<'a, T> {
 
     /// Temporary bytes for loading so many views.
     fn loading(&self, views: usize) -> usize {
-        views.min(rayon::current_num_threads()) * LOADING * self.largest
+        views.min(rayon::current_num_threads()) * self.most_loading
     }
 
     /// Drops views until `needed` bytes are free, but none of the current request.
@@ -174,9 +209,15 @@ mod tests {
 
     struct Number(usize);
 
+    const LOADING: usize = 3;
+
     impl MemorySize for Number {
         fn bytes(&self) -> usize {
             VIEW_BYTES
+        }
+
+        fn loading_bytes(&self) -> usize {
+            LOADING * VIEW_BYTES
         }
     }
 

@@ -34,7 +34,7 @@ pub fn confirm<S: MapSource + ?Sized>(
 ) -> Result<(ConsistentViews, u64), FuseError> {
     job.options.validate()?;
     let order = schedule.confirmed_in(part);
-    let mut cache = ViewCache::new(job.memory, |view| job.filtered(view));
+    let mut cache = ViewCache::new(job.memory, |view| FilteredView::load(view, job.source, job.options));
     let mut all = ConsistentViews::new();
     let wanted = |&view: &usize| with_neighbours(view, &schedule.sources[view]);
     for (step, &view) in order.iter().enumerate() {
@@ -78,20 +78,6 @@ fn with_neighbours(view: usize, neighbours: &[usize]) -> Vec<usize> {
     std::iter::once(view).chain(neighbours.iter().copied()).collect()
 }
 
-impl<S: MapSource + ?Sized> FuseJob<'_, S> {
-    /// A view as the first pass needs it.
-    fn filtered(&self, view: usize) -> Result<FilteredView, FuseError> {
-        let failed = |error: S::Error| FuseError::Load { view, source: error.into() };
-        FilteredView::new(view, &self.source.load_map(view).map_err(failed)?, self.options)
-    }
-
-    /// A view as the second pass needs it.
-    fn seen(&self, view: usize) -> Result<SeenView, FuseError> {
-        let failed = |error: S::Error| FuseError::Load { view, source: error.into() };
-        SeenView::new(view, self.source.load(view).map_err(failed)?, self.options)
-    }
-}
-
 /// The second pass.
 struct Merging<'a, S: ?Sized> {
     job: &'a FuseJob<'a, S>,
@@ -105,7 +91,8 @@ struct Merging<'a, S: ?Sized> {
 impl<S: MapSource + ?Sized> Merging<'_, S> {
     /// Merges views in the given order; returns the peak of its memory, bytes.
     fn merge_all(&self, order: &[usize], outlet: &mut Outlet<'_, '_>) -> Result<usize, FuseError> {
-        let mut cache = ViewCache::new(self.job.memory, |view| self.job.seen(view));
+        let mut cache =
+            ViewCache::new(self.job.memory, |view| SeenView::load(view, self.job.source, self.job.options));
         cache.set_aside(self.pixels.values().map(|pixels| pixels.bits.bytes()).sum());
         let wanted = |&view: &usize| with_neighbours(view, &self.neighbours[view]);
         let makes_points = |view: &&usize| self.pixels[*view].counts.consistent > 0;

@@ -10,7 +10,7 @@ use vamvs_core::depth_map::is_valid;
 use vamvs_core::{Grid, Pinhole, Pose, Size};
 
 use crate::wide::widened;
-use crate::{FuseError, FuseOptions, MaskedMap, ViewReport};
+use crate::{FuseError, FuseOptions, MapSource, MaskedMap, ViewReport};
 
 /// Tangent of the steepest slope against the image plane that counts as surface; beyond it (80.5°)
 /// neighbouring depths belong to different surfaces.
@@ -34,6 +34,16 @@ pub(crate) struct FilteredView {
 }
 
 impl FilteredView {
+    /// Loads the depth map of view number `view` and applies the filter.
+    pub fn load<S: MapSource + ?Sized>(
+        view: usize,
+        source: &S,
+        options: &FuseOptions,
+    ) -> Result<Self, FuseError> {
+        let failed = |error: S::Error| FuseError::Load { view, source: error.into() };
+        Self::new(view, &source.load_map(view).map_err(failed)?, options)
+    }
+
     /// Applies the filter to view number `view`.
     pub fn new(view: usize, loaded: &MaskedMap, options: &FuseOptions) -> Result<Self, FuseError> {
         loaded.check(view)?;

@@ -68,7 +68,8 @@ impl FusionView {
 /// Parts of a view with their sizes, as far as it has them.
 type Parts<'a> = &'a [(&'static str, Option<Size>)];
 
-fn expect_sizes(view: usize, expected: Size, parts: Parts<'_>) -> Result<(), FuseError> {
+/// Checks that these parts of a view have the depth map's size.
+pub(crate) fn expect_sizes(view: usize, expected: Size, parts: Parts<'_>) -> Result<(), FuseError> {
     let other = |found: &Size| *found != expected;
     let wrong = parts.iter().find_map(|&(what, found)| Some((what, found.filter(other)?)));
     wrong.map_or(Ok(()), |(what, found)| Err(FuseError::Size { view, what, expected, found }))
@@ -101,6 +102,23 @@ pub trait MapSource: Sync {
         let FusionView { map, mask, .. } = self.load(view)?;
         Ok(MaskedMap { map, mask })
     }
+
+    /// Loads only the colours of a view whose depth map has the given size, the same as [`MapSource::load`] gives. Fusion
+    /// loads the parts of a view one after the other, so that large ones are not in memory together.
+    ///
+    /// # Errors
+    /// If they cannot be loaded. Fusion stops then.
+    fn load_colour(&self, view: usize, _size: Size) -> Result<Grid<Rgb>, Self::Error> {
+        Ok(self.load(view)?.colour)
+    }
+
+    /// Loads only the normals of a view, the same as [`MapSource::load`] gives.
+    ///
+    /// # Errors
+    /// If they cannot be loaded. Fusion stops then.
+    fn load_normals(&self, view: usize) -> Result<Option<Grid<[f32; 3]>>, Self::Error> {
+        Ok(self.load(view)?.normals)
+    }
 }
 
 /// Views in memory.
@@ -117,5 +135,13 @@ impl MapSource for [FusionView] {
 
     fn load_map(&self, view: usize) -> Result<MaskedMap, Infallible> {
         Ok(MaskedMap { map: self[view].map.clone(), mask: self[view].mask.clone() })
+    }
+
+    fn load_colour(&self, view: usize, _size: Size) -> Result<Grid<Rgb>, Infallible> {
+        Ok(self[view].colour.clone())
+    }
+
+    fn load_normals(&self, view: usize) -> Result<Option<Grid<[f32; 3]>>, Infallible> {
+        Ok(self[view].normals.clone())
     }
 }

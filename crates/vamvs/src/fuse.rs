@@ -14,7 +14,7 @@ use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
 use crate::memory::format_bytes;
 use crate::output::LeftOut;
-use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError};
+use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError, memory};
 
 /// One part in this many of the memory is spare, for what is not counted.
 const SPARE: u64 = 6;
@@ -104,9 +104,8 @@ pub(crate) fn merge<S: MapSource + ?Sized>(
     sink: &mut Sink<'_>,
     on_event: &mut OnEvent<'_>,
 ) -> Result<FuseReport, VamvsError> {
-    let memory = working_memory(options.max_memory);
-    let (filter, roi) = (&options.filter, options.roi);
-    let job = FuseJob { source, neighbours, options: filter, roi, memory: memory as usize };
+    let (filter, roi, memory) = (&options.filter, options.roi, working_memory(options.max_memory));
+    let job = FuseJob { source, neighbours, options: filter, roi, memory };
     let (mut done, total) = (0, 2 * source.len());
     let mut progress = |_: FuseEvent| {
         done += 1;
@@ -117,10 +116,11 @@ pub(crate) fn merge<S: MapSource + ?Sized>(
     Ok(report)
 }
 
-/// The memory for depth maps, bytes.
-fn working_memory(limit: MemoryLimit) -> u64 {
+/// The memory for depth maps, bytes: what the limit leaves without the spare part.
+fn working_memory(limit: MemoryLimit) -> usize {
+    memory::give_back();
     let remaining = limit.remaining();
-    remaining - remaining / SPARE
+    (remaining - remaining / SPARE) as usize
 }
 
 /// The views with too few neighbours to confirm a point.
@@ -135,13 +135,14 @@ fn views_without_neighbours(maps: &Maps, neighbours: &[Vec<usize>], min_views: u
     lone.map(|(name, others)| LeftOut { view: name.clone(), reason: reason(others) }).collect()
 }
 
-/// Warns if fusion took more memory than it should.
+/// Warns if fusion took more memory than the `given` [`working_memory`] and the spare part.
 fn warn_of_memory(
     taken: u64,
-    given: u64,
+    given: usize,
     limit: MemoryLimit,
     on_event: &mut OnEvent<'_>,
 ) -> Result<(), VamvsError> {
+    let given = (given + given / (SPARE as usize - 1)) as u64;
     if taken > given {
         let text = format!(
             "fusion took {} more than the limit of {limit}: a depth map and its neighbours must be in memory at the same time (--max-memory, --neighbours)",

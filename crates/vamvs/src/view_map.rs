@@ -4,7 +4,7 @@ use std::borrow::Borrow;
 use std::collections::HashMap;
 use std::convert::Infallible;
 
-use vamvs_core::{Cloud, DepthMap, Grid, Pinhole, Rgb, Scene, Source, View, view_selection};
+use vamvs_core::{Cloud, DepthMap, Grid, Pinhole, Rgb, Scene, Size, Source, View, view_selection};
 use vamvs_fusion::{FusedPoints, FusionView, MapSource, MaskedMap};
 
 use crate::event::OnEvent;
@@ -66,6 +66,14 @@ impl MapSource for InMemory<'_> {
 
     fn load_map(&self, view: usize) -> Result<MaskedMap, Infallible> {
         Ok(MaskedMap { map: self.0[view].map.clone(), mask: None })
+    }
+
+    fn load_colour(&self, view: usize, _size: Size) -> Result<Grid<Rgb>, Infallible> {
+        Ok(self.0[view].colour.clone())
+    }
+
+    fn load_normals(&self, view: usize) -> Result<Option<Grid<[f32; 3]>>, Infallible> {
+        Ok(self.0[view].normals.clone())
     }
 }
 

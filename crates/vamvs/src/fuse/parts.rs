@@ -78,7 +78,7 @@ impl<'a> PartialFusion<'a> {
         let mut file = self.files.create(Kind::Counts, part)?;
         file.push(&counts)?;
         file.finish()?;
-        warn_of_memory(memory, job.memory as u64, self.options.max_memory, on_event)?;
+        warn_of_memory(memory, job.memory, self.options.max_memory, on_event)?;
         Ok(true)
     }
 
@@ -106,7 +106,7 @@ impl<'a> PartialFusion<'a> {
         let job = self.job();
         let memory = vamvs_fusion::merge(&job, &self.schedule, part, (&pixels, &counts), &mut take)?;
         file.finish()?;
-        warn_of_memory(memory, job.memory as u64, self.options.max_memory, on_event)?;
+        warn_of_memory(memory, job.memory, self.options.max_memory, on_event)?;
         Ok(true)
     }
 
@@ -151,7 +151,7 @@ impl<'a> PartialFusion<'a> {
             neighbours: &self.neighbours,
             options: &self.options.filter,
             roi: self.options.roi,
-            memory: working_memory(self.options.max_memory) as usize,
+            memory: working_memory(self.options.max_memory),
         }
     }
 

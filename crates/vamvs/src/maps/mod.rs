@@ -18,8 +18,12 @@ use vamvs_io::{image, pfm};
 use crate::event::{OnEvent, tell};
 use crate::export::for_all_views;
 use crate::output::{ConfidenceKind, LeftOut, Record, names};
-use crate::{Event, OutputFolder, VamvsError};
+use crate::{Event, OutputFolder, VamvsError, memory};
 use layout::Layout;
+
+/// Pixels of a map from which on the memory of its parts is returned to the system before the next part is read.
+/// Otherwise freed parts of a large map stay resident for a while, beside those that are read.
+const LARGE: usize = 1 << 23;
 
 /// Depth maps of the views of a scene.
 #[derive(Debug)]
@@ -287,13 +291,28 @@ impl MapSource for Maps {
     fn load(&self, view: usize) -> Result<FusionView, VamvsError> {
         let MaskedMap { map, mask } = self.load_map(view)?;
         let colour = self.photograph(view, map.depth.size())?;
-        let normals = self.files[view].normals.as_deref().map(pfm::read_rgb).transpose()?;
-        Ok(FusionView { map, mask, colour, normals })
+        Ok(FusionView { map, mask, colour, normals: self.load_normals(view)? })
     }
 
     fn load_map(&self, view: usize) -> Result<MaskedMap, VamvsError> {
         let map = self.depth_map(view)?;
         Ok(MaskedMap { mask: self.mask(view, map.depth.size())?, map })
+    }
+
+    fn load_colour(&self, view: usize, size: Size) -> Result<Grid<Rgb>, VamvsError> {
+        give_back_if_large(size);
+        self.photograph(view, size)
+    }
+
+    fn load_normals(&self, view: usize) -> Result<Option<Grid<[f32; 3]>>, VamvsError> {
+        give_back_if_large(self.cameras[view].size);
+        Ok(self.files[view].normals.as_deref().map(pfm::read_rgb).transpose()?)
+    }
+}
+
+fn give_back_if_large(size: Size) {
+    if size.area() >= LARGE {
+        memory::give_back();
     }
 }
 
