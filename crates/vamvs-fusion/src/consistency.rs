@@ -108,33 +108,61 @@ impl<'a> Rule<'a> {
     /// The pixels whose outcome the remaining `rest` views cannot change, even if all of them
     /// agree exactly or all of them see through the point.
     fn decided(&self, tally: &Tally, needed: &Lanes, rest: usize) -> u64 {
-        // Sums of votes are rounded.
-        let (views, votes) = (rest as f32, 1.001 * rest as f32);
         let mut decided = [false; LANES];
-        for lane in 0..LANES {
-            let (agree, support, against) = (tally.views[lane], tally.support[lane], tally.against[lane]);
-            let at_best = self.accepts(agree + views, support + votes, against, needed[lane]);
-            let at_worst = self.accepts(agree, support, against + votes, needed[lane]);
-            decided[lane] = !at_best | at_worst;
-        }
+        mark_decided(&Votes::of(self.options), tally, needed, rest, &mut decided);
         bits(&decided)
     }
 
     fn accepted(&self, tally: &Tally, needed: &Lanes) -> u64 {
+        let votes = Votes::of(self.options);
         let mut accepted = [false; LANES];
         for lane in 0..LANES {
             let (agree, support, against) = (tally.views[lane], tally.support[lane], tally.against[lane]);
-            accepted[lane] = self.accepts(agree, support, against, needed[lane]);
+            accepted[lane] = votes.accept(agree, support, against, needed[lane]);
         }
         bits(&accepted)
+    }
+}
+
+/// How votes are weighed.
+struct Votes {
+    contradiction: f32,
+    /// Number of other views that must agree.
+    least_views: f32,
+    are_counted_only: bool,
+}
+
+impl Votes {
+    fn of(options: &FuseOptions) -> Self {
+        Self {
+            contradiction: options.contradiction,
+            least_views: (options.min_views - 1) as f32,
+            are_counted_only: options.consistency == Consistency::Classic,
+        }
     }
 
     /// Whether so many views that agree, with these votes for and against, confirm a pixel.
     #[inline(always)]
-    fn accepts(&self, views: f32, support: f32, against: f32, needed: f32) -> bool {
-        let balance = (support - self.options.contradiction * against) * views;
-        let by_votes = (self.options.consistency == Consistency::Classic) | (balance >= needed);
-        (views >= (self.options.min_views - 1) as f32) & by_votes
+    fn accept(&self, views: f32, support: f32, against: f32, needed: f32) -> bool {
+        let balance = (support - self.contradiction * against) * views;
+        (views >= self.least_views) & (self.are_counted_only | (balance >= needed))
+    }
+}
+
+widened! {
+    /// Marks the pixels whose outcome the remaining `rest` views cannot change.
+    fn mark_decided(votes: &Votes, tally: &Tally, needed: &Lanes, rest: usize, decided: &mut Lanes<bool>) = mark_decided_any;
+}
+
+#[inline(always)]
+fn mark_decided_any(votes: &Votes, tally: &Tally, needed: &Lanes, rest: usize, decided: &mut Lanes<bool>) {
+    // Sums of votes are rounded.
+    let (views, most) = (rest as f32, 1.001 * rest as f32);
+    for lane in 0..LANES {
+        let (agree, support, against) = (tally.views[lane], tally.support[lane], tally.against[lane]);
+        let at_best = votes.accept(agree + views, support + most, against, needed[lane]);
+        let at_worst = votes.accept(agree, support, against + most, needed[lane]);
+        decided[lane] = !at_best | at_worst;
     }
 }
 

@@ -16,7 +16,8 @@ use crate::bits::BitGrid;
 use crate::mean::{Means, Viewpoint};
 use crate::pair::Pair;
 use crate::priority::Ranking;
-use crate::round_trip::{Answers, LANES, Strip, ask, bits, inverse_depths_in_source};
+use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits, inverse_depths_in_source};
+use crate::wide::widened;
 
 /// Number of pixels in a batch, so that the points of a large view take little memory.
 const BATCH: usize = 1 << 18;
@@ -109,10 +110,7 @@ impl Merger<'_> {
         inverse_depths_in_source(&other.pair, strip, &mut inverse_depth);
         let nearest = 1.0 + NEARER * self.max_relative_depth;
         let mut may = [false; LANES];
-        for lane in 0..LANES {
-            let (own, theirs) = (strip.inverse_depth[lane], inverse_depth[lane] * nearest);
-            may[lane] = other.ranking.comes_before(theirs, &self.ranking, own);
-        }
+        compare([&other.ranking, &self.ranking], [&inverse_depth, &strip.inverse_depth], nearest, &mut may);
         bits(&may)
     }
 
@@ -144,5 +142,23 @@ impl Merger<'_> {
             strip.inverse_depth[lane] = self.reference.filtered.inverse_depth((x, y));
         }
         strip
+    }
+}
+
+widened! {
+    /// Marks the lanes in which a pixel of the first view would come before one of the second if it were `nearest` times
+    /// as near.
+    fn compare(rankings: [&Ranking; 2], inverse_depths: [&Lanes; 2], nearest: f32, may: &mut Lanes<bool>) = compare_any;
+}
+
+#[inline(always)]
+fn compare_any(
+    [theirs, own]: [&Ranking; 2],
+    [their_depths, own_depths]: [&Lanes; 2],
+    nearest: f32,
+    may: &mut Lanes<bool>,
+) {
+    for lane in 0..LANES {
+        may[lane] = theirs.comes_before(their_depths[lane] * nearest, own, own_depths[lane]);
     }
 }

@@ -37,13 +37,13 @@ impl Ranking {
     }
 
     /// Whether a pixel of this view comes before one of `other`, by their inverse depths; without branches.
-    #[inline]
+    #[inline(always)]
     pub fn comes_before(&self, inverse_depth: f32, other: &Self, other_inverse_depth: f32) -> bool {
         let slack = u32::from(self.view < other.view);
         self.half_octaves(inverse_depth) < other.half_octaves(other_inverse_depth) + slack
     }
 
-    #[inline]
+    #[inline(always)]
     fn half_octaves(&self, inverse_depth: f32) -> u32 {
         let footprint = self.footprint / inverse_depth;
         // The binary exponent of the square counts half octaves.

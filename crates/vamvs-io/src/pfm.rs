@@ -29,6 +29,14 @@ pub fn read_rgb(path: &Path) -> Result<Grid<[f32; 3]>, IoError> {
     read_channels::<3>(path)
 }
 
+/// The size of a map of `channels` (1 or 3), from its header; its pixels are not read.
+///
+/// # Errors
+/// As [`read`]: a map whose size can be told can be read.
+pub fn stored_size(path: &Path, channels: usize) -> Result<Size, IoError> {
+    Ok(Header::open(path)?.read(channels)?.0)
+}
+
 /// Reads a depth map; values that are not finite and positive become 0.
 ///
 /// # Errors

@@ -9,7 +9,7 @@ use vamvs_core::view_selection;
 use vamvs_core::{
     Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Rgb, Scene, Size, Source, SparsePoint,
 };
-use vamvs_fusion::{FusionView, MapSource, MaskedMap};
+use vamvs_fusion::{FuseError, FusionView, MapSource, MaskedMap};
 use vamvs_io::colmap::dense;
 use vamvs_io::masks::{self, Masks};
 use vamvs_io::ply::Coordinates;
@@ -47,6 +47,13 @@ struct MapFiles {
     confidence: Option<PathBuf>,
     coarse_confidence: Option<PathBuf>,
     normals: Option<PathBuf>,
+}
+
+impl MapFiles {
+    /// Whether the depth map is in COLMAP's format.
+    fn is_of_colmap(&self) -> bool {
+        self.depth.extension().is_some_and(|extension| extension == "bin")
+    }
 }
 
 impl Maps {
@@ -248,9 +255,10 @@ impl Maps {
     /// If a file is missing or malformed.
     pub fn depth_map(&self, view: usize) -> Result<DepthMap, VamvsError> {
         let files = &self.files[view];
-        let is_colmap = files.depth.extension().is_some_and(|extension| extension == "bin");
-        let depth =
-            if is_colmap { dense::read_depth_map(&files.depth)? } else { pfm::read_depth(&files.depth)? };
+        let depth = match files.is_of_colmap() {
+            true => dense::read_depth_map(&files.depth)?,
+            false => pfm::read_depth(&files.depth)?,
+        };
         let confidence = match &files.confidence {
             Some(path) => pfm::read(path)?,
             None => depth.map(|depth| f32::from(u8::from(*depth > 0.0))),
@@ -264,9 +272,30 @@ impl Maps {
         })
     }
 
-    /// Reads a view and checks that its files fit together.
+    /// Checks that a view's files can be read and fit together. Of float maps the header tells that; photographs and masks
+    /// are decoded.
     fn checked(&self, view: usize) -> Result<(), VamvsError> {
-        Ok(self.load(view)?.check(view)?)
+        let files = &self.files[view];
+        let map_size = |path: &Option<PathBuf>, channels| {
+            path.as_deref().map(|path| pfm::stored_size(path, channels)).transpose()
+        };
+        let size = match files.is_of_colmap() {
+            true => dense::read_depth_map(&files.depth)?.size(),
+            false => pfm::stored_size(&files.depth, 1)?,
+        };
+        let parts = [
+            ("a confidence map", map_size(&files.confidence, 1)?),
+            ("a coarse confidence map", map_size(&files.coarse_confidence, 1)?),
+            ("a map of normals", map_size(&files.normals, 3)?),
+            ("a mask", self.mask(view, size)?.map(|mask| mask.size())),
+        ];
+        let wrong =
+            parts.into_iter().find_map(|(what, found)| Some((what, found.filter(|found| *found != size)?)));
+        if let Some((what, found)) = wrong {
+            return Err(FuseError::Size { view, what, expected: size, found }.into());
+        }
+        image::load_rgb(&files.image)?;
+        Ok(())
     }
 
     /// A view's photograph at the size of its depth map.
