@@ -339,6 +339,10 @@ pub struct NetworkFlags {
     /// maps are called NAME@8 (at a stride of 8) and NAME@4.
     #[arg(long)]
     pub fovea: bool,
+    /// Also write how likely each source view sees each pixel, as the network predicts it: visibility/NAME.png, a tile
+    /// for each source view. Networks that weigh views have it, such as vis-corr.
+    #[arg(long)]
+    pub visibility: bool,
 }
 
 /// Exports for other programs.

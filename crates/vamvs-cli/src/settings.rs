@@ -110,6 +110,10 @@ impl Settings {
             *filter = if preset == Preset::Dtu { FuseOptions::dtu() } else { FuseOptions::default() };
             self.fusion.network_confidence = preset == Preset::Dtu;
             self.depth.refine &= preset != Preset::Dtu;
+            if cfg!(feature = "net") && preset == Preset::Dtu {
+                // The paper's network, whose own depth maps are finer than those of the default.
+                self.weights.get_or_insert_with(|| "vis-max".into());
+            }
         }
         if let Some(rule) = flags.consistency {
             let rule = match rule {
@@ -296,6 +300,7 @@ mod depth {
             set(&mut self.depth.coarse_stride, flags.coarse_stride.map(Some));
             set(&mut self.depth.iterations, flags.iterations.map(Some));
             self.depth.fovea |= flags.fovea;
+            self.depth.visibility |= flags.visibility;
         }
 
         /// The reconstruction of a scene with these settings; `loaded.masks` are those found with

@@ -120,7 +120,7 @@ impl<'a, T: MemorySize> ViewCache<'a, T> {
         while !missing.is_empty() {
             self.make_room(self.needed(missing.len()));
             // The first one alone: it tells what the others will take.
-            let fitting = if self.largest == 0 { 1 } else { self.fitting(missing.len()) };
+            let fitting = if self.largest == 0 { 1 } else { self.views_that_fit(missing.len()) };
             let rest = missing.split_off(fitting.clamp(1, missing.len()));
             let loaded = load_all(&self.load, &missing)?;
             self.hold(&missing, loaded);
@@ -136,7 +136,7 @@ impl<'a, T: MemorySize> ViewCache<'a, T> {
         self.touch(views);
         let mut missing = self.missing(views);
         self.make_room(self.needed(missing.len()));
-        missing.truncate(self.fitting(missing.len()));
+        missing.truncate(self.views_that_fit(missing.len()));
         missing
     }
 
@@ -146,7 +146,7 @@ impl<'a, T: MemorySize> ViewCache<'a, T> {
     }
 
     /// How many of so many views fit in, loaded together.
-    fn fitting(&self, views: usize) -> usize {
+    fn views_that_fit(&self, views: usize) -> usize {
         let bytes = self.bytes();
         (0..=views).rev().find(|&views| bytes + self.needed(views) <= self.capacity).unwrap_or(0)
     }

@@ -1,8 +1,9 @@
-//! Visibility of a reference view's pixels in all views of a scene: an 8-bit grey PNG with one tile per view,
-//! from top to bottom in the order of the views. Each tile has the size of the reference view's image.
+//! Visibility of a reference view's pixels in other views: an 8-bit grey PNG with one tile per view, from top to bottom.
 //!
-//! A pixel is 0 if it shows no surface, 85 if its surface projects outside the other view's image, 170 if the
-//! surface is occluded in the other view, 255 if the other view sees it.
+//! Ground truth ([`read`]) has a tile of the size of the reference view's image for each view of a scene, in their order. A
+//! pixel is 0 if it shows no surface, 85 if its surface projects outside the other view's image, 170 if the surface is
+//! occluded in the other view, 255 if the other view sees it. A network's prediction ([`read_predicted`]) has a tile for
+//! each source view, which may be smaller than the image.
 
 use std::path::Path;
 
@@ -42,6 +43,43 @@ pub fn write(path: &Path, tiles: &[Grid<Visibility>]) -> Result<(), IoError> {
     let grey = tiles.iter().flat_map(|tile| tile.data()).map(|&visibility| to_grey(visibility)).collect();
     let stacked = Size::new(size.width, size.height * tiles.len());
     image::save_png_gray8(path, &Grid::from_vec(stacked, grey))
+}
+
+/// Writes how likely each source view sees what a reference view's pixels show, as a network predicts it: an 8-bit grey
+/// PNG with one tile per source view, from top to bottom, 0 for invisible to 255 for visible.
+///
+/// # Errors
+/// If the file cannot be written; then nothing has changed.
+///
+/// # Panics
+/// If there are no tiles, or they are not all of one size.
+pub fn write_predicted(path: &Path, tiles: &[Grid<f32>]) -> Result<(), IoError> {
+    let size = tiles.first().expect("a depth map has source views").size();
+    assert!(tiles.iter().all(|tile| tile.size() == size), "tiles of one view have one size");
+    let grey = |&share: &f32| (255.0 * share.clamp(0.0, 1.0)).round() as u8;
+    let stacked = Size::new(size.width, size.height * tiles.len());
+    image::save_png_gray8(
+        path,
+        &Grid::from_vec(stacked, tiles.iter().flat_map(|tile| tile.data()).map(grey).collect()),
+    )
+}
+
+/// Reads the `count` tiles that [`write_predicted`] wrote; the values are in [0, 1].
+///
+/// # Errors
+/// If the file cannot be decoded, is not an 8-bit grey image, or its height is not a multiple of `count`.
+pub fn read_predicted(path: &Path, count: usize) -> Result<Vec<Grid<f32>>, IoError> {
+    let stacked = decode_grey(path)?;
+    let Size { width, height } = stacked.size();
+    if count == 0 || height % count != 0 {
+        let problem =
+            format!("expected {count} tiles of one size from top to bottom, found {width}×{height} pixels");
+        return Err(IoError::malformed(path, Place::Whole, problem));
+    }
+    let size = Size::new(width, height / count);
+    let share = |grey: &u8| f32::from(*grey) / 255.0;
+    let tile = |grey: &[u8]| Grid::from_vec(size, grey.iter().map(share).collect());
+    Ok(stacked.data().chunks_exact(size.area()).map(tile).collect())
 }
 
 fn decode_grey(path: &Path) -> Result<Grid<u8>, IoError> {
@@ -128,5 +166,25 @@ mod tests {
         assert!(read(&path, size, 1).unwrap_err().to_string().contains("8-bit grey"));
         image::save_png_rgb(&path, &Grid::filled(size, [255; 3])).unwrap();
         assert!(read(&path, size, 1).unwrap_err().to_string().contains("8-bit grey"));
+    }
+
+    #[test]
+    fn predicted_tiles_come_back_to_half_a_grey_level() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("v.png");
+        let tile =
+            |first: f32| Grid::from_fn(Size::new(5, 3), |x, y| first + 0.07 * x as f32 + 0.01 * y as f32);
+        write_predicted(&path, &[tile(0.0), tile(0.6)]).unwrap();
+        for (read, written) in read_predicted(&path, 2).unwrap().iter().zip([tile(0.0), tile(0.6)]) {
+            assert_eq!(read.size(), written.size());
+            assert!(
+                read.data()
+                    .iter()
+                    .zip(written.data())
+                    .all(|(read, written)| (read - written).abs() < 0.5 / 254.0)
+            );
+        }
+        let error = read_predicted(&path, 4).unwrap_err().to_string();
+        assert!(error.contains("expected 4 tiles") && error.contains("5×6"), "{error}");
     }
 }

@@ -52,6 +52,9 @@ pub struct DepthOptions {
     /// Depth outside of the box too, but coarsely: all flow iterations inside of it, fewer around, the coarse
     /// map elsewhere (section 4.5).
     pub fovea: bool,
+    /// Whether the visibility of each view's pixels in its source views, as the network predicts it, is written beside the
+    /// depth maps: `visibility/NAME.png`.
+    pub visibility: bool,
     /// Limit of resident memory. A depth map that would exceed it is made in smaller pieces, then
     /// from smaller photographs; features are kept for later views as far as it allows.
     pub max_memory: MemoryLimit,
@@ -76,6 +79,7 @@ impl Default for DepthOptions {
             iterations: None,
             roi: None,
             fovea: false,
+            visibility: false,
             max_memory: MemoryLimit::default(),
         }
     }

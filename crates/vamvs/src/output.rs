@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use vamvs_core::{DepthMap, DepthRange, Grid, MonotoneMap, Planes, Rgb, Size, Source, View};
-use vamvs_io::{IoError, atomic, image, mvsnet, pfm};
+use vamvs_io::{IoError, atomic, image, mvsnet, pfm, visibility};
 
 use crate::VamvsError;
 
@@ -154,6 +154,13 @@ impl OutputFolder {
         self.file("normals", name, ".pfm")
     }
 
+    /// `visibility/NAME.png`: the visibility of the view's pixels in its source views, as the network predicts it; in the
+    /// format of [`vamvs_io::visibility::write_predicted`], in the order of [`Record::sources`].
+    #[must_use]
+    pub fn visibility(&self, name: &str) -> PathBuf {
+        self.file("visibility", name, ".png")
+    }
+
     /// `pair.txt`.
     #[must_use]
     pub fn pairs(&self) -> PathBuf {
@@ -205,7 +212,7 @@ impl OutputFolder {
     pub fn prepare(&self, names: &[&str]) -> Result<(), VamvsError> {
         self.expect_only(names)?;
         self.make_folders()?;
-        let folders = FOLDERS.iter().chain(&["normals", "."]);
+        let folders = FOLDERS.iter().chain(&["normals", "visibility", "."]);
         folders.into_iter().try_for_each(|folder| remove_unfinished(&self.root.join(folder)))
     }
 
@@ -285,7 +292,7 @@ impl OutputFolder {
     /// If a file cannot be written.
     pub fn save(&self, name: &str, saved: &SavedMap, record: &Record) -> Result<(), VamvsError> {
         remove(&self.fusion())?;
-        self.discard(name)?;
+        self.discard_map(name)?;
         let map = saved.map;
         image::save_png_rgb(&self.image(name), saved.colour)?;
         pfm::write(&self.confidence(name), &map.confidence)?;
@@ -301,11 +308,25 @@ impl OutputFolder {
         write_json(&self.record(name), record)
     }
 
-    /// Removes the files of a view's depth map.
+    /// Saves the predicted visibility of a view's pixels in its source views.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn save_visibility(&self, name: &str, tiles: &[Grid<f32>]) -> Result<(), VamvsError> {
+        make_folder(&self.root.join("visibility"))?;
+        Ok(visibility::write_predicted(&self.visibility(name), tiles)?)
+    }
+
+    /// Removes the files of a view's depth map, and its predicted visibility.
     ///
     /// # Errors
     /// If a file cannot be removed.
     pub fn discard(&self, name: &str) -> Result<(), VamvsError> {
+        remove(&self.visibility(name))?;
+        self.discard_map(name)
+    }
+
+    fn discard_map(&self, name: &str) -> Result<(), VamvsError> {
         let files =
             [self.record(name), self.cam(name), self.depth(name), self.confidence(name), self.image(name)];
         files
@@ -320,7 +341,8 @@ impl OutputFolder {
     /// If a file cannot be removed.
     pub fn remove(&self, names: &[&str]) -> Result<(), VamvsError> {
         names.iter().try_for_each(|name| self.discard(name))?;
-        let folders = ["cams", "images", "depths", "confidence", "normals"].map(|name| self.root.join(name));
+        let folders = ["cams", "images", "depths", "confidence", "normals", "visibility"]
+            .map(|name| self.root.join(name));
         // A folder that holds something else stays.
         folders.iter().chain([&self.root]).for_each(|folder| drop(std::fs::remove_dir(folder)));
         Ok(())
@@ -368,19 +390,11 @@ impl OutputFolder {
     pub fn is_readable(&self, name: &str) -> bool {
         let sizes = || -> Result<Vec<Size>, IoError> {
             mvsnet::read_cam(&self.cam(name), &mvsnet::Options::default())?;
-            let coarse = self.coarse_confidence(name);
-            let coarse = coarse.is_file().then(|| pfm::read(&coarse)).transpose()?;
-            let normals = self.normals(name);
-            let normals = normals.is_file().then(|| pfm::read_rgb(&normals)).transpose()?;
-            let maps = [pfm::read_depth(&self.depth(name))?, pfm::read(&self.confidence(name))?];
-            let colour = image::load_rgb(&self.image(name))?;
-            Ok(maps
-                .iter()
-                .chain(&coarse)
-                .map(Grid::size)
-                .chain([colour.size()])
-                .chain(normals.map(|map| map.size()))
-                .collect())
+            let optional = [(self.coarse_confidence(name), 1), (self.normals(name), 3)];
+            let maps = [(self.depth(name), 1), (self.confidence(name), 1)];
+            let maps = maps.into_iter().chain(optional.into_iter().filter(|(path, _)| path.is_file()));
+            let sizes = maps.map(|(path, channels)| pfm::stored_size(&path, channels));
+            sizes.chain([Ok(image::load_rgb(&self.image(name))?.size())]).collect()
         };
         sizes().is_ok_and(|sizes| sizes.iter().all(|size| *size == sizes[0]))
     }

@@ -271,7 +271,11 @@ fn nonsense_on_the_command_line_is_refused() {
         (&["--depth-range", "5", "2"], "near"),
         (&["--roi", "0", "0", "0", "0", "1", "1"], "--roi"),
         (&["--device", "abacus"], "abacus"),
-        (&["--iterations", "3"], "has 2"),
+        (&["--weights", "vis-max", "--iterations", "3"], "has 2"),
+        (&["--iterations", "1"], "has 0"),
+        (&["--fovea", "--roi", "0", "0", "0", "1", "1", "1"], "vis-corr has no flow iterations"),
+        (&["--visibility", "--weights", "vis-max"], "predicts no visibility"),
+        (&["--visibility", "--weights", "none"], "--visibility"),
         (&["--config", "/nowhere/run.toml"], "/nowhere/run.toml"),
     ] {
         let said = scene.error("depth", arguments);

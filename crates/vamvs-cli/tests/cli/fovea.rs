@@ -34,7 +34,7 @@ fn a_fovea_is_dense_and_its_surroundings_are_there_thinner() {
     crate::scene::write(&settings, "[depth]\nfovea = true\n");
     let (again, _) = reconstruct(&[&["--config", settings.to_str().unwrap(), "--roi"], &roi[..]].concat());
     assert_eq!(again.len(), foveated.len());
-    let without_roi = scene.run("depth", &["--fovea"]);
+    let without_roi = scene.run("depth", &["--fovea", "--weights", "photometric"]);
     assert_eq!(without_roi.status.code(), Some(1));
     assert!(stderr(&without_roi).contains("--roi"));
 }

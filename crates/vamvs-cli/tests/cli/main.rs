@@ -19,4 +19,6 @@ mod scene;
 mod synth;
 mod tasks;
 mod terminal;
+#[cfg(feature = "net")]
+mod visibility;
 mod without_network;

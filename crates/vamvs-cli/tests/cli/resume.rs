@@ -160,9 +160,10 @@ fn depth_maps_are_refined_to_the_size_of_their_photographs_unless_that_is_not_wa
 #[test]
 fn iterations_are_counted_from_the_coarse_stride_of_the_network() {
     let scene = Scene::new(64, 48, 2);
-    // The default network has a coarse stride of 4: one iteration ends where the coarse map is, and refines it.
+    // vis-max has a coarse stride of 4: one iteration ends where the coarse map is, and refines it.
     let map = |iterations: &str| {
-        let fixed = ["--planes", "8", "--quiet", "--force", "--no-refine", "--iterations", iterations];
+        let network = ["--weights", "vis-max", "--iterations", iterations];
+        let fixed = [&["--planes", "8", "--quiet", "--force", "--no-refine"], &network[..]].concat();
         expect_success(&scene.run("depth", &fixed));
         vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap()
     };
@@ -225,8 +226,9 @@ fn enlarged_photographs_give_larger_maps_and_a_smaller_stride_more_that_is_right
 fn a_depth_map_that_does_not_fit_into_the_memory_becomes_smaller_and_that_is_told() {
     let scene = Scene::new(400, 300, 2);
     let size_and_words = |memory: &str| {
-        let fixed = ["--coarse-stride", "8", "--iterations", "0", "--planes", "16", "--no-refine"];
-        let output = scene.run("depth", &[&fixed[..], &["--max-memory", memory]].concat());
+        let network = ["--weights", "vis-max", "--coarse-stride", "8", "--iterations", "0"];
+        let fixed = ["--planes", "16", "--no-refine", "--max-memory", memory];
+        let output = scene.run("depth", &[&network[..], &fixed].concat());
         expect_success(&output);
         let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
         (map.size(), stderr(&output))

@@ -50,6 +50,7 @@ macro_rules! with_readers {
             dtu_plane: fixture::dtu, BASE, |f| dtu::read_plane(&f.join("plane.mat")).is_ok();
             tnt_volume: fixture::tnt, BASE, |f| tnt::read_volume(&f.join("volume.json")).is_ok();
             tnt_alignment: fixture::tnt, BASE, |f| tnt::read_alignment(&f.join("alignment.txt")).is_ok();
+            visibility_predicted: fixture::visibility, PICTURE, |f| visibility::read_predicted(&f.join("v.png"), 2).is_ok();
             visibility_tiles: fixture::visibility, PICTURE, |f| {
                 visibility::read(&f.join("v.png"), vamvs_core::Size::new(fixture::SIZE.width, fixture::SIZE.height / 2), 2).is_ok()
             };

@@ -41,6 +41,8 @@ pub(super) struct Maker<'a> {
 /// A view's depth maps, the coarsest first, and what they were made of.
 pub(super) struct Made {
     pub maps: Vec<MadeMap>,
+    /// The visibility of the view's pixels in each of these source views, as far as the network predicts it.
+    pub visibility: Vec<Grid<f32>>,
     /// The plan with the source views that could be used.
     pub plan: ViewPlan,
     /// Largest longer side of the photographs that the method saw, pixels.
@@ -192,7 +194,8 @@ impl<'a> Maker<'a> {
                 *finest = refined_map(refinement.refine(view, &used, &seed)?);
             }
         }
-        Ok(Made { maps, plan: self.usable(plan), network_size: self.features.photographs.max_size() })
+        let network_size = self.features.photographs.max_size();
+        Ok(Made { maps, visibility, plan: self.usable(plan), network_size })
     }
 
     /// A photograph's features. A photograph that could not be read is not tried again.

@@ -159,6 +159,10 @@ impl<'a> Run<'a> {
 
     fn save(&mut self, view: usize, made: &Made, record: &Record) -> Result<(), VamvsError> {
         let begin = Instant::now();
+        if self.work.options.visibility {
+            // Beside the final depth map, also of a first pass: the next one does not change it.
+            self.output.save_visibility(&self.names[view], &made.visibility)?;
+        }
         for (name, MadeMap { map, colour, normals }) in self.map_names(view).iter().zip(&made.maps) {
             let saved = SavedMap { map, range: made.plan.planes.range, colour, normals: normals.as_ref() };
             self.first.save(name, &saved, record)?;

@@ -164,6 +164,20 @@ impl Maps {
         self.own.as_ref()?.saved(&self.names[view])
     }
 
+    /// The predicted visibility of a view's pixels in each of its source views, with their names; empty if it was not
+    /// written.
+    pub(crate) fn visibility(
+        &self,
+        view: usize,
+        record: Option<&Record>,
+    ) -> Result<Vec<(Grid<f32>, String)>, VamvsError> {
+        let file =
+            self.own.as_ref().map(|own| own.visibility(&self.names[view])).filter(|file| file.is_file());
+        let (Some(file), Some(record)) = (file, record) else { return Ok(Vec::new()) };
+        let tiles = vamvs_io::visibility::read_predicted(&file, record.sources.len())?;
+        Ok(tiles.into_iter().zip(record.sources.iter().cloned()).collect())
+    }
+
     /// The value of the confidence maps where the network's probability is `probability`. Confidence maps without a
     /// record are taken as probabilities, as other networks write them.
     ///

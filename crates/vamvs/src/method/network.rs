@@ -4,9 +4,9 @@ use std::path::Path;
 
 use vamvs_net::device::device_name;
 use vamvs_net::tch::no_grad;
-use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Profile, Stage, open_device};
+use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Manifest, Profile, Stage, open_device};
 
-use super::part::{placed, widened};
+use super::part::{placed, placed_visibility, widened};
 use super::{Clock, Estimated, Features, Task};
 use crate::feature_cache::Encoded;
 use crate::fit::MethodMemory;
@@ -39,6 +39,21 @@ impl NetworkMethod {
             let name = &network.manifest().name;
             return Err(VamvsError::Request(format!(
                 "{wanted} iterations are asked for, but the network {name} has {available} (--iterations)"
+            )));
+        }
+        let Manifest { name, aggregation, .. } = network.manifest();
+        if depth.visibility && !aggregation.weighs_views() {
+            return Err(VamvsError::Request(format!(
+                "the network {name} predicts no visibility (--visibility): use vis-corr, or a network of the aggregation vis-var"
+            )));
+        }
+        if depth.visibility && depth.fovea {
+            let problem = "foveated depth maps (--fovea) are made without visibility (--visibility)";
+            return Err(VamvsError::Request(problem.to_owned()));
+        }
+        if depth.fovea && available == 0 {
+            return Err(VamvsError::Request(format!(
+                "the network {name} has no flow iterations, so nothing is finer in a fovea (--fovea): use vis-max (--weights)"
             )));
         }
         options.iterations.truncate(depth.iterations.unwrap_or(usize::MAX));
@@ -113,8 +128,9 @@ impl NetworkMethod {
             }
             Some(region) => {
                 let (part, place) = features(reference).cropped(&widened(region, camera.size))?;
-                let map = estimator.estimate(&part, &sources, planes, profile)?;
-                (vec![placed(&map, camera, place, region)], Vec::new())
+                let (map, seen) = estimator.estimate_seen(&part, &sources, planes, profile)?;
+                let seen = seen.iter().map(|seen| placed_visibility(seen, place, camera.size)).collect();
+                (vec![placed(&map, camera, place, region)], seen)
             }
         })
     }

@@ -27,12 +27,16 @@ pub fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBo
         (region.x0..region.x1).contains(&centre(x)) && (region.y0..region.y1).contains(&centre(y))
     };
     let paste = |values: &Grid<f32>| {
-        Grid::from_fn(size, |x, y| {
-            let local = |at: usize, first: usize| at.checked_sub(first / scale);
-            let (x_in_part, y_in_part) = (local(x, place.x0), local(y, place.y0));
-            let value = x_in_part.zip(y_in_part).and_then(|(x, y)| values.get(x, y).copied());
-            value.filter(|_| inside(x, y)).unwrap_or(0.0)
-        })
+        let mut whole = pasted(values, (place, scale), size);
+        for y in 0..size.height {
+            whole
+                .row_mut(y)
+                .iter_mut()
+                .enumerate()
+                .filter(|(x, _)| !inside(*x, y))
+                .for_each(|(_, value)| *value = 0.0);
+        }
+        whole
     };
     DepthMap {
         camera: Pinhole { size, intrinsics: camera.intrinsics.scaled(ratio, ratio) },
@@ -41,4 +45,20 @@ pub fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBo
         confidence: paste(&part.confidence),
         coarse_confidence: part.coarse_confidence.as_ref().map(paste),
     }
+}
+
+/// A visibility map of the whole image, of size `whole`, with that of a part at its place; 0 elsewhere.
+pub fn placed_visibility(part: &Grid<f32>, place: PixelBox, whole: Size) -> Grid<f32> {
+    let scale = (place.x1 - place.x0).div_ceil(part.width()).max(1);
+    pasted(part, (place, scale), Size::new(whole.width / scale, whole.height / scale))
+}
+
+/// A raster of `size` with the values of a part at `place`, which is in pixels of an image `scale` times as large; 0
+/// elsewhere.
+fn pasted(values: &Grid<f32>, (place, scale): (PixelBox, usize), size: Size) -> Grid<f32> {
+    Grid::from_fn(size, |x, y| {
+        let local = |at: usize, first: usize| at.checked_sub(first / scale);
+        let (x_in_part, y_in_part) = (local(x, place.x0), local(y, place.y0));
+        x_in_part.zip(y_in_part).and_then(|(x, y)| values.get(x, y).copied()).unwrap_or(0.0)
+    })
 }

@@ -17,11 +17,12 @@ const BYTES_PER_PIXEL: u64 = 12;
 
 /// Refuses options of networks.
 pub fn check(options: &DepthOptions) -> Result<(), VamvsError> {
-    let DepthOptions { coarse_stride, iterations, fovea, .. } = options;
-    let wrong = match (coarse_stride, iterations, fovea) {
+    let DepthOptions { coarse_stride, iterations, fovea, visibility, .. } = options;
+    let wrong = match (coarse_stride, iterations, fovea, visibility) {
         (Some(_), ..) => "a coarse stride (--coarse-stride)",
-        (_, Some(_), _) => "iterations (--iterations)",
-        (_, _, true) => "foveated depth (--fovea)",
+        (_, Some(_), ..) => "iterations (--iterations)",
+        (_, _, true, _) => "foveated depth (--fovea)",
+        (.., true) => "predicted visibility (--visibility)",
         _ => return Ok(()),
     };
     Err(VamvsError::Request(format!("--weights none has no network, and {wrong} needs one")))
@@ -54,9 +55,13 @@ mod tests {
         let strided = DepthOptions { coarse_stride: Some(4), ..DepthOptions::default() };
         let iterated = DepthOptions { iterations: Some(1), ..DepthOptions::default() };
         let foveated = DepthOptions { fovea: true, ..DepthOptions::default() };
-        for (options, flag) in
-            [(strided, "--coarse-stride"), (iterated, "--iterations"), (foveated, "--fovea")]
-        {
+        let seen = DepthOptions { visibility: true, ..DepthOptions::default() };
+        for (options, flag) in [
+            (strided, "--coarse-stride"),
+            (iterated, "--iterations"),
+            (foveated, "--fovea"),
+            (seen, "--visibility"),
+        ] {
             assert!(check(&options).unwrap_err().to_string().contains(flag));
         }
     }

@@ -24,6 +24,8 @@ pub(super) struct ViewPanel {
     /// The depths at the ends of the scale.
     depths: (f32, f32),
     confidence: Picture,
+    /// The predicted visibility in each source view, if it was written, with the view's name.
+    visibility: Vec<(Picture, String)>,
     record: Option<Record>,
 }
 
@@ -33,6 +35,12 @@ impl ViewPanel {
         let depth = valid(&map.depth);
         let depths = spread(&depth);
         let confidence = map.confidence.map(|&confidence| Some(confidence));
+        let record = maps.record(view);
+        let visibility = maps.visibility(view, record.as_ref())?;
+        let shown = |(seen, source): (Grid<f32>, String)| {
+            let picture = Picture::small(&Scale::Confidence.paint(&seen.map(|&seen| Some(seen)), 0.0, 1.0));
+            (picture, format!("visibility in {source}"))
+        };
         Ok(Self {
             name: maps.names()[view].clone(),
             size: map.depth.size(),
@@ -40,7 +48,8 @@ impl ViewPanel {
             depth: small(&Scale::Turbo.paint(&depth, depths.0, depths.1)),
             depths,
             confidence: small(&Scale::Confidence.paint(&confidence, 0.0, 1.0)),
-            record: maps.record(view),
+            visibility: visibility.into_iter().map(shown).collect(),
+            record,
         })
     }
 
@@ -57,6 +66,11 @@ impl ViewPanel {
                 &self.name,
                 &[(&self.photograph, "photograph"), (&self.depth, &depth), (&self.confidence, "confidence")],
             );
+            if !self.visibility.is_empty() {
+                let shown: Vec<(&Picture, &str)> =
+                    self.visibility.iter().map(|(picture, caption)| (picture, caption.as_str())).collect();
+                page.trio(&self.name, &shown);
+            }
             if let Some(pixels) = pixels {
                 let shares = shares(pixels);
                 page.bar(&shares);
