@@ -8,7 +8,7 @@
 or step by step, with NumPy arrays in between and no file written:
 
     scene = vamvs.Scene.from_colmap("sparse/0", "images")
-    maps = list(scene.depth_maps(weights="vis-corr"))
+    maps = list(scene.depth_maps())
     vamvs.fuse(maps).save("cloud.ply")
 """
 
