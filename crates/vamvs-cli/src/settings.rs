@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use vamvs::core::Roi;
 use vamvs::fusion::{Consistency, FuseOptions};
 use vamvs::io::mvsnet::{DepthLine, PixelCentre};
-use vamvs::{DepthOptions, ExportOptions, FusionOptions};
+use vamvs::{DepthOptions, ExportOptions, FusionOptions, Quality};
 
 use crate::arguments::{CommonFlags, ExportFlags, FusionFlags, Preset};
 
@@ -110,9 +110,9 @@ impl Settings {
             *filter = if preset == Preset::Dtu { FuseOptions::dtu() } else { FuseOptions::default() };
             self.fusion.network_confidence = preset == Preset::Dtu;
             self.depth.refine &= preset != Preset::Dtu;
-            if cfg!(feature = "net") && preset == Preset::Dtu {
+            if preset == Preset::Dtu {
                 // The paper's network, whose own depth maps are finer than those of the default.
-                self.weights.get_or_insert_with(|| "vis-max".into());
+                self.weights.get_or_insert_with(|| Quality::Best.weights().into());
             }
         }
         if let Some(rule) = flags.consistency {
@@ -258,8 +258,8 @@ mod input {
 mod depth {
     use super::*;
     use crate::arguments::DepthFlags;
+    use vamvs::Reconstruction;
     use vamvs::io::Loaded;
-    use vamvs::{Quality, Reconstruction};
 
     impl Settings {
         /// Lets depth flags win.

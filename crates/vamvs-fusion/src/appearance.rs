@@ -34,15 +34,14 @@ impl SeenView {
         source: &S,
         options: &FuseOptions,
     ) -> Result<Self, FuseError> {
-        let failed = |error: S::Error| FuseError::Load { view, source: error.into() };
         let filtered = FilteredView::load(view, source, options)?;
         let size = filtered.size();
         let mut seen = Self { filtered, look: Grid::filled(size, Look::default()) };
-        let normals = source.load_normals(view).map_err(failed)?;
+        let normals = source.load_normals(view).map_err(FuseError::loading(view))?;
         expect_sizes(view, size, &[("a map of normals", normals.as_ref().map(Grid::size))])?;
         seen.find_normals(normals.as_ref());
         drop(normals);
-        let colours = source.load_colour(view, size).map_err(failed)?;
+        let colours = source.load_colour(view, size).map_err(FuseError::loading(view))?;
         expect_sizes(view, size, &[("a colour image", Some(colours.size()))])?;
         seen.look.data_mut().iter_mut().zip(colours.data()).for_each(|(look, colour)| look.colour = *colour);
         Ok(seen)

@@ -39,6 +39,7 @@ pub(crate) struct Rule<'a> {
     reference: &'a FilteredView,
     pairs: &'a [Pair<'a>],
     options: &'a FuseOptions,
+    votes: Votes,
 }
 
 /// What the views asked so far answered for the pixels of a strip.
@@ -53,7 +54,7 @@ struct Tally {
 
 impl<'a> Rule<'a> {
     pub fn new(reference: &'a FilteredView, pairs: &'a [Pair<'a>], options: &'a FuseOptions) -> Self {
-        Self { reference, pairs, options }
+        Self { reference, pairs, options, votes: Votes::of(options) }
     }
 
     /// The confirmed pixels of a strip that begins at pixel `first` of row `y`, one bit each.
@@ -109,16 +110,15 @@ impl<'a> Rule<'a> {
     /// agree exactly or all of them see through the point.
     fn decided(&self, tally: &Tally, needed: &Lanes, rest: usize) -> u64 {
         let mut decided = [false; LANES];
-        mark_decided(&Votes::of(self.options), tally, needed, rest, &mut decided);
+        mark_decided(&self.votes, tally, needed, rest, &mut decided);
         bits(&decided)
     }
 
     fn accepted(&self, tally: &Tally, needed: &Lanes) -> u64 {
-        let votes = Votes::of(self.options);
         let mut accepted = [false; LANES];
         for lane in 0..LANES {
             let (agree, support, against) = (tally.views[lane], tally.support[lane], tally.against[lane]);
-            accepted[lane] = votes.accept(agree, support, against, needed[lane]);
+            accepted[lane] = self.votes.accept(agree, support, against, needed[lane]);
         }
         bits(&accepted)
     }

@@ -58,3 +58,10 @@ pub enum FuseError {
     #[error("the fused points could not be written")]
     Sink(#[source] BoxError),
 }
+
+impl FuseError {
+    /// The error of a view that cannot be loaded, made of the reason.
+    pub(crate) fn loading<E: Into<BoxError>>(view: usize) -> impl Fn(E) -> Self {
+        move |error| Self::Load { view, source: error.into() }
+    }
+}

@@ -58,5 +58,5 @@ pub use passes::{ConsistentViews, confirm, merge};
 pub use points::FusedPoints;
 pub use report::{FuseReport, ViewReport};
 pub use schedule::Schedule;
-pub use source::{FusionView, MapSource, MaskedMap};
+pub use source::{FusionView, MapSource, MaskedMap, expect_sizes};
 pub use surface::Surface;

@@ -40,8 +40,7 @@ impl FilteredView {
         source: &S,
         options: &FuseOptions,
     ) -> Result<Self, FuseError> {
-        let failed = |error: S::Error| FuseError::Load { view, source: error.into() };
-        Self::new(view, &source.load_map(view).map_err(failed)?, options)
+        Self::new(view, &source.load_map(view).map_err(FuseError::loading(view))?, options)
     }
 
     /// Applies the filter to view number `view`.

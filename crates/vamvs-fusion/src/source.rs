@@ -65,11 +65,16 @@ impl FusionView {
     }
 }
 
-/// Parts of a view with their sizes, as far as it has them.
-type Parts<'a> = &'a [(&'static str, Option<Size>)];
-
-/// Checks that these parts of a view have the depth map's size.
-pub(crate) fn expect_sizes(view: usize, expected: Size, parts: Parts<'_>) -> Result<(), FuseError> {
+/// Checks that parts of a view have the size `expected`, that of its depth map: each is named as errors name it, with its
+/// size if the view has it; `view` is the view's number in errors.
+///
+/// # Errors
+/// If a part has another size.
+pub fn expect_sizes(
+    view: usize,
+    expected: Size,
+    parts: &[(&'static str, Option<Size>)],
+) -> Result<(), FuseError> {
     let other = |found: &Size| *found != expected;
     let wrong = parts.iter().find_map(|&(what, found)| Some((what, found.filter(other)?)));
     wrong.map_or(Ok(()), |(what, found)| Err(FuseError::Size { view, what, expected, found }))

@@ -216,15 +216,12 @@ impl Pixel<'_> {
             wanted[index] = warps.inside[index];
         }
         let correlations = correlations(&self.window, &images, &warps, options.noise, *isa);
-        let seen = geometries.as_ref().map(|all| all.seen(&wanted, (&warps.u, &warps.v), (self.x, self.y)));
-        let way = |index: usize| {
-            let known = geometries.as_ref().is_some_and(|all| all.has(index));
-            seen.as_ref().filter(|_| known).map_or(0.0, |seen| seen.way[index].min(options.geometric_reach))
-        };
+        let (at, pixel, most) = ((&warps.u, &warps.v), (self.x, self.y), options.geometric_reach);
+        let errors = geometries.as_ref().map_or([0.0; TOGETHER], |all| all.errors(&wanted, at, pixel, most));
         let mut sum = Cost::default();
         for index in indices(views) {
             let correlation = correlations[index];
-            let cost = Cost { total: 1.0 - correlation + options.geometric * way(index), correlation };
+            let cost = Cost { total: 1.0 - correlation + options.geometric * errors[index], correlation };
             let source = group * TOGETHER + index;
             costs.values[source] = (cost.total + self.handicaps[source], cost);
             sum += cost;

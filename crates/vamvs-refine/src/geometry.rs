@@ -93,10 +93,15 @@ impl Geometries {
         Self { each, to_reference }
     }
 
-    /// Whether a source has a depth map.
+    /// The reprojection errors of those sources that are `wanted`, as [`Geometries::seen`] gives them, at most `most`; 0 of
+    /// sources without a depth map.
     #[inline]
-    pub fn has(&self, view: usize) -> bool {
-        self.each[view].is_some()
+    pub fn errors(&self, wanted: &Four<bool>, at: (&Four, &Four), pixel: (f32, f32), most: f32) -> Four {
+        let Seen { mut way, .. } = self.seen(wanted, at, pixel);
+        for (way, geometry) in way.iter_mut().zip(&self.each) {
+            *way = if geometry.is_some() { way.min(most) } else { 0.0 };
+        }
+        way
     }
 
     /// Projects the depths of those sources that are `wanted` at `(u, v)`, in their photographs, back to the reference

@@ -27,9 +27,8 @@ impl<'a> Identity<'a> {
     /// Hashes what decides the method's depth maps. Each photograph is hashed once, when a
     /// depth map first needs it, and not at all if a record in `folders` has its hash and the file has not changed since.
     pub fn new(work: &'a Prepared, folders: [OutputFolder; 2], names: Vec<String>) -> Self {
-        let Prepared { scene, method, options, .. } = work;
-        let beside = if options.visibility { " with visibility" } else { "" };
-        let common = format!("{PIPELINE_VERSION} {}{beside}", method.identity());
+        let Prepared { scene, method, .. } = work;
+        let common = format!("{PIPELINE_VERSION} {}", method.identity());
         Self { common, scene, views: vec![OnceLock::new(); scene.views.len()], folders, names }
     }
 

@@ -308,11 +308,12 @@ impl OutputFolder {
         write_json(&self.record(name), record)
     }
 
-    /// Saves the predicted visibility of a view's pixels in its source views.
+    /// Saves the predicted visibility of a view's pixels in its source views; `None` removes what is there.
     ///
     /// # Errors
-    /// If the file cannot be written.
-    pub fn save_visibility(&self, name: &str, tiles: &[Grid<f32>]) -> Result<(), VamvsError> {
+    /// If the file cannot be written or removed.
+    pub fn save_visibility(&self, name: &str, tiles: Option<&[Grid<f32>]>) -> Result<(), VamvsError> {
+        let Some(tiles) = tiles else { return remove(&self.visibility(name)) };
         make_folder(&self.root.join("visibility"))?;
         Ok(visibility::write_predicted(&self.visibility(name), tiles)?)
     }

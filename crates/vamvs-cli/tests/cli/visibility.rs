@@ -41,6 +41,17 @@ fn predicted_visibility_is_beside_the_depth_maps_and_on_the_page() {
         changed,
         "a complete run"
     );
+    // A file that is missing is written again; without the flag what is there stays, as long as the depth map does.
+    std::fs::remove_file(folder.visibility("0001")).unwrap();
+    run();
+    assert_eq!(std::fs::read(folder.visibility("0001")).unwrap(), before);
+    let without = |more: &[&str]| {
+        expect_success(&scene.run("reconstruct", &[&["--quiet", "--min-views", "2"], more].concat()));
+    };
+    without(&[]);
+    assert_eq!(std::fs::read(folder.visibility("0001")).unwrap(), before);
+    without(&["--views", "2"]);
+    assert!(!folder.visibility("0001").exists(), "it was that of other source views");
 }
 
 #[test]

@@ -159,10 +159,10 @@ impl<'a> Run<'a> {
 
     fn save(&mut self, view: usize, made: &Made, record: &Record) -> Result<(), VamvsError> {
         let begin = Instant::now();
-        if self.work.options.visibility {
-            // Beside the final depth map, also of a first pass: the next one does not change it.
-            self.output.save_visibility(&self.names[view], &made.visibility)?;
-        }
+        // Beside the final depth map, also of a first pass: the next one does not change it. What is not asked for would be
+        // that of a former depth map.
+        let tiles = self.work.options.visibility.then_some(&made.visibility[..]);
+        self.output.save_visibility(&self.names[view], tiles)?;
         for (name, MadeMap { map, colour, normals }) in self.map_names(view).iter().zip(&made.maps) {
             let saved = SavedMap { map, range: made.plan.planes.range, colour, normals: normals.as_ref() };
             self.first.save(name, &saved, record)?;
@@ -176,7 +176,12 @@ impl<'a> Run<'a> {
         let output = &self.first;
         let same = |saved: Record| saved.made_of == record.made_of;
         let is_saved = |name: &String| output.saved(name).is_some_and(same) && output.is_readable(name);
-        !self.force && self.map_names(view).iter().all(is_saved)
+        !self.force && self.has_visibility(view) && self.map_names(view).iter().all(is_saved)
+    }
+
+    /// Whether the view's predicted visibility is there, if it is asked for.
+    pub fn has_visibility(&self, view: usize) -> bool {
+        !self.work.options.visibility || self.output.visibility(&self.names[view]).is_file()
     }
 
     /// The record of a depth map made with all source views not known to be unusable.

@@ -17,7 +17,8 @@ impl Run<'_> {
             let plan = &self.work.plan.views[view];
             let (Ok(plan), Some(saved)) = (plan, self.output.saved(&self.names[view])) else { continue };
             let is_same = saved.made_of == made_again_of(view, plan, |view| self.planned_hash(view));
-            if !self.force && is_same && self.output.is_readable(&self.names[view]) {
+            let is_there = self.has_visibility(view) && self.output.is_readable(&self.names[view]);
+            if !self.force && is_same && is_there {
                 self.done.insert(view);
             }
         }

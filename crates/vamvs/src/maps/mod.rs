@@ -9,7 +9,7 @@ use vamvs_core::view_selection;
 use vamvs_core::{
     Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Rgb, Scene, Size, Source, SparsePoint,
 };
-use vamvs_fusion::{FuseError, FusionView, MapSource, MaskedMap};
+use vamvs_fusion::{FusionView, MapSource, MaskedMap, expect_sizes};
 use vamvs_io::colmap::dense;
 use vamvs_io::masks::{self, Masks};
 use vamvs_io::ply::Coordinates;
@@ -301,13 +301,9 @@ impl Maps {
             ("a confidence map", map_size(&files.confidence, 1)?),
             ("a coarse confidence map", map_size(&files.coarse_confidence, 1)?),
             ("a map of normals", map_size(&files.normals, 3)?),
-            ("a mask", self.mask(view, size)?.map(|mask| mask.size())),
         ];
-        let wrong =
-            parts.into_iter().find_map(|(what, found)| Some((what, found.filter(|found| *found != size)?)));
-        if let Some((what, found)) = wrong {
-            return Err(FuseError::Size { view, what, expected: size, found }.into());
-        }
+        expect_sizes(view, size, &parts)?;
+        self.mask(view, size)?;
         image::load_rgb(&files.image)?;
         Ok(())
     }

@@ -27,16 +27,7 @@ pub fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBo
         (region.x0..region.x1).contains(&centre(x)) && (region.y0..region.y1).contains(&centre(y))
     };
     let paste = |values: &Grid<f32>| {
-        let mut whole = pasted(values, (place, scale), size);
-        for y in 0..size.height {
-            whole
-                .row_mut(y)
-                .iter_mut()
-                .enumerate()
-                .filter(|(x, _)| !inside(*x, y))
-                .for_each(|(_, value)| *value = 0.0);
-        }
-        whole
+        Grid::from_fn(size, |x, y| if inside(x, y) { at_place(values, (place, scale), (x, y)) } else { 0.0 })
     };
     DepthMap {
         camera: Pinhole { size, intrinsics: camera.intrinsics.scaled(ratio, ratio) },
@@ -50,15 +41,14 @@ pub fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBo
 /// A visibility map of the whole image, of size `whole`, with that of a part at its place; 0 elsewhere.
 pub fn placed_visibility(part: &Grid<f32>, place: PixelBox, whole: Size) -> Grid<f32> {
     let scale = (place.x1 - place.x0).div_ceil(part.width()).max(1);
-    pasted(part, (place, scale), Size::new(whole.width / scale, whole.height / scale))
+    let size = Size::new(whole.width / scale, whole.height / scale);
+    Grid::from_fn(size, |x, y| at_place(part, (place, scale), (x, y)))
 }
 
-/// A raster of `size` with the values of a part at `place`, which is in pixels of an image `scale` times as large; 0
-/// elsewhere.
-fn pasted(values: &Grid<f32>, (place, scale): (PixelBox, usize), size: Size) -> Grid<f32> {
-    Grid::from_fn(size, |x, y| {
-        let local = |at: usize, first: usize| at.checked_sub(first / scale);
-        let (x_in_part, y_in_part) = (local(x, place.x0), local(y, place.y0));
-        x_in_part.zip(y_in_part).and_then(|(x, y)| values.get(x, y).copied()).unwrap_or(0.0)
-    })
+/// The value at `(x, y)` of a raster of the whole image, of which `values` are the part at `place`; 0 elsewhere. The
+/// image, whose pixels `place` is in, is `scale` times as large as the raster.
+fn at_place(values: &Grid<f32>, (place, scale): (PixelBox, usize), (x, y): (usize, usize)) -> f32 {
+    let local = |at: usize, first: usize| at.checked_sub(first / scale);
+    let inside = local(x, place.x0).zip(local(y, place.y0));
+    inside.and_then(|(x, y)| values.get(x, y).copied()).unwrap_or(0.0)
 }
