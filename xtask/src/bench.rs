@@ -8,13 +8,15 @@ use clap::Args;
 use crate::step::run;
 use crate::{cargo, setup};
 
-/// File of the network that is measured.
-const MODULE: &str = "tests/modules/paper-var.pt";
+/// Files of the networks that are measured: the paper's, without training, and those that are built in.
+const MODULES: [&str; 4] =
+    ["tests/modules/paper-var.pt", "weights/vis-corr.pt", "weights/vis-max.pt", "weights/photometric.pt"];
 
 /// The depth maps that are measured: width and height in pixels, views, planes.
 const SIZES: [[&str; 4]; 2] = [["640", "512", "5", "48"], ["1280", "960", "5", "96"]];
 
-/// Run the benchmarks of geometry, fusion and refinement, and measure a depth map's time by stage and peak memory.
+/// Run the benchmarks of geometry, fusion and refinement, and measure the machine, and a depth map's time by stage and peak
+/// memory for each network.
 ///
 /// Sets up libtorch first, if there is none.
 #[derive(Args)]
@@ -26,22 +28,24 @@ impl Bench {
         for package in ["vamvs-core", "vamvs-fusion", "vamvs-refine"] {
             run(&format!("bench {package}"), &mut cargo(&["bench", "-p", package, "--bench", "*"]))?;
         }
-        run("build", &mut cargo(&["build", "--release", "-p", "vamvs-net", "--example", "profile"]))?;
-        let profiles = SIZES.iter().map(|size| profile(size)).collect::<Result<Vec<_>>>()?;
-        print_table(&profiles);
+        run("build", &mut cargo(&["build", "--release", "-p", "vamvs-net", "--examples"]))?;
+        println!("\nthis machine");
+        rows(&example("speed", &[])?).iter().for_each(|(name, value)| println!("{name:12}{value:>34}"));
+        for module in MODULES {
+            let profile = |size: &[&str; 4]| Ok(rows(&example("profile", &[&[module], &size[..]].concat())?));
+            print_table(module, &SIZES.iter().map(profile).collect::<Result<Vec<_>>>()?);
+        }
         Ok(())
     }
 }
 
-/// Runs the example `profile` for a size. Returns what it prints as pairs of a name and a value: the time of each
-/// stage, the total time, and memory.
-fn profile(size: &[&str]) -> Result<Vec<(String, String)>> {
-    let mut command =
-        cargo(&["run", "--release", "--quiet", "-p", "vamvs-net", "--example", "profile", "--"]);
-    command.arg(MODULE).args(size);
-    let output = command.stderr(Stdio::inherit()).output().context("the profile could not be started")?;
-    ensure!(output.status.success(), "the profile failed ({}); its message is above", output.status);
-    Ok(rows(&String::from_utf8_lossy(&output.stdout)))
+/// Runs an example of the network's crate and returns what it prints.
+fn example(name: &str, arguments: &[&str]) -> Result<String> {
+    let mut command = cargo(&["run", "--release", "--quiet", "-p", "vamvs-net", "--example", name, "--"]);
+    let output = command.args(arguments).stderr(Stdio::inherit()).output();
+    let output = output.with_context(|| format!("the example {name} could not be started"))?;
+    ensure!(output.status.success(), "the example {name} failed ({}); its message is above", output.status);
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 /// Splits lines such as `Sweep 1.234 s` and `total 5.678 s, peak 910 MiB` into names, in lower case, and values.
@@ -51,8 +55,9 @@ fn rows(output: &str) -> Vec<(String, String)> {
     rows.map(|(name, value)| (name.to_lowercase(), value.to_owned())).collect()
 }
 
-fn print_table(profiles: &[Vec<(String, String)>]) {
-    print!("\n{:12}", "depth map");
+/// Prints the times of a network's stages, one column a size.
+fn print_table(module: &str, profiles: &[Vec<(String, String)>]) {
+    print!("\n{module}\n{:12}", "");
     for [width, height, views, planes] in SIZES {
         print!("{:>34}", format!("{width}×{height}, {views} views, {planes} planes"));
     }

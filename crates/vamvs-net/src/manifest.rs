@@ -84,6 +84,10 @@ pub struct Manifest {
     /// at most 1 %. Absent: not calibrated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<MonotoneMap>,
+    /// The calibration of refined depth maps: maps the confidence after refinement to the same fraction. Absent: not
+    /// calibrated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refined_calibration: Option<MonotoneMap>,
 }
 
 fn paper_stride() -> usize {

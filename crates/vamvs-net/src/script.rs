@@ -144,7 +144,7 @@ impl Network {
     }
 
     /// Sets the coarse stride, 8 or 4 pixels of the photograph; the module stays as it is. If the stride changes, the
-    /// calibration of the confidence is dropped.
+    /// calibrations of the confidence are dropped.
     ///
     /// # Errors
     /// If the stride is neither the stride of the network's features nor half of a feature stride of 8.
@@ -153,6 +153,7 @@ impl Network {
         if coarse_stride != self.manifest.coarse_stride {
             self.manifest.coarse_stride = coarse_stride;
             self.manifest.calibration = None;
+            self.manifest.refined_calibration = None;
         }
         Ok(())
     }

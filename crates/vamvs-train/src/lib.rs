@@ -23,13 +23,14 @@ pub mod loader;
 pub mod loss;
 pub mod optimizer;
 pub mod options;
+pub mod run_scene;
 pub mod sample;
 pub mod schedule;
 pub mod sheet;
 pub mod trainer;
 pub mod validate;
 
-pub use calibrate::{Calibration, calibrate};
+pub use calibrate::{Calibration, Outcomes, calibrate};
 pub use dataset::Dataset;
 pub use error::TrainError;
 pub use event::TrainEvent;

@@ -31,6 +31,8 @@ const TRIES: usize = 8;
 const OUTLIERS: f64 = 0.002;
 /// The depth range is computed from every fourth stored pixel in both directions.
 const STRIDE: usize = 4;
+/// How much wider the depth range of a whole view is than the ground truth's, at each end.
+pub(crate) const WIDER: f64 = 1.1;
 /// The fraction of samples whose planes have another spacing than a run would choose.
 const OTHER_SPACING: f64 = 0.25;
 
@@ -364,7 +366,7 @@ fn planes(
 }
 
 /// The range of a view's ground-truth depths without outliers.
-fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, TrainError> {
+pub(crate) fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, TrainError> {
     let known = |stride: usize| -> Vec<f32> {
         let rows = (0..depth.height()).step_by(stride).map(|y| depth.row(y));
         rows.flat_map(|row| row.iter().step_by(stride)).copied().filter(|&depth| is_valid(depth)).collect()
@@ -418,7 +420,6 @@ pub fn whole(
     reference: usize,
     (options, plane_step): (&Validation, f64),
 ) -> Result<Sample, TrainError> {
-    const WIDER: f64 = 1.1;
     let view = &scene.views[reference];
     let sources: Vec<usize> =
         view_selection::compared(&scene.sources[reference], options.views - 1).collect();

@@ -10,7 +10,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthMap, Grid, Photo, Size};
+use vamvs_core::{DepthMap, Grid, MonotoneMap, Photo, Size};
 
 #[cfg(feature = "net")]
 pub use network::NetworkMethod;
@@ -136,6 +136,15 @@ impl Method {
             #[cfg(feature = "net")]
             Self::Network(network) => network.confidence(),
             Self::PlaneSweep => ConfidenceKind::Unknown,
+        }
+    }
+
+    /// Maps the confidence of refined depth maps to the share of depths that are right, if that was measured.
+    pub(crate) fn refined_calibration(&self) -> Option<&MonotoneMap> {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) => network.refined_calibration(),
+            Self::PlaneSweep => None,
         }
     }
 

@@ -10,7 +10,7 @@ Example:
   vamvs calibrate --data hold-out --weights run/best.pt --out vis-max.pt
 
 A depth counts as right if its error is at most 1 %. Half of the views are fitted to, the other half tell
-what came of it.";
+what came of it. The network's own confidence is calibrated, and that of the refined depth maps.";
 
 /// `calibrate`.
 #[derive(Debug, Args)]
@@ -33,6 +33,9 @@ pub struct CalibrateArguments {
     /// Number of views for a depth map, as with `vamvs depth --views`.
     #[arg(long, value_name = "N", default_value_t = 5)]
     pub views: usize,
+    /// Calibrate the network's own confidence only: refined depth maps take longer.
+    #[arg(long)]
+    pub no_refine: bool,
     /// auto, cpu, cuda or cuda:N.
     #[arg(long, value_name = "DEVICE", default_value = "auto")]
     pub device: String,

@@ -4,6 +4,8 @@
 
 #[cfg(feature = "net")]
 mod bad_input;
+#[cfg(feature = "net")]
+mod calibrate;
 #[cfg(all(unix, feature = "net"))]
 mod documents;
 mod eval;

@@ -62,6 +62,17 @@ impl Prepared {
         self.options.refine && self.options.geometric && !self.options.fovea
     }
 
+    /// A final refined map, with the calibrated confidence if the method has a calibration. The second pass begins with
+    /// confidences as they are.
+    fn calibrated(&self, mut made: MadeMap) -> MadeMap {
+        if let Some(calibration) = self.method.refined_calibration() {
+            let MadeMap { map: DepthMap { depth, confidence, .. }, .. } = &mut made;
+            let known = confidence.data_mut().iter_mut().zip(depth.data()).filter(|(_, depth)| **depth > 0.0);
+            known.for_each(|(confidence, _)| *confidence = calibration.at(f64::from(*confidence)) as f32);
+        }
+        made
+    }
+
     /// The names of a view's depth maps, the coarsest first. With `--fovea`, coarser maps come
     /// before the finest, `name`, and their names end with their scale: `NAME@8` (with a coarse
     /// stride of 8), `NAME@4`, `NAME`.
@@ -134,7 +145,7 @@ impl<'a> Maker<'a> {
         first: impl Fn(usize, Needed) -> Result<Rc<LoadedMap>, VamvsError>,
     ) -> Result<MadeMap, VamvsError> {
         let refinement = self.refinement.as_mut().expect("there are two passes of refinement");
-        Ok(refined_map(refinement.refine_again(view, &plan.sources, first)?))
+        Ok(self.work.calibrated(refined_map(refinement.refine_again(view, &plan.sources, first)?)))
     }
 
     /// Drops all features; the method is not needed any more.
@@ -191,7 +202,8 @@ impl<'a> Maker<'a> {
             // A view that does not see the region has only a coarse map, which is not refined.
             if !plan.foveated || region.is_some() {
                 let seed = Seed { map: &finest.map, visibility: &visibility, region };
-                *finest = refined_map(refinement.refine(view, &used, &seed)?);
+                let refined = refined_map(refinement.refine(view, &used, &seed)?);
+                *finest = if self.work.has_two_passes() { refined } else { self.work.calibrated(refined) };
             }
         }
         let network_size = self.features.photographs.max_size();

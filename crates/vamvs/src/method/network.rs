@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use vamvs_core::MonotoneMap;
 use vamvs_net::device::device_name;
 use vamvs_net::tch::no_grad;
 use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Manifest, Profile, Stage, open_device};
@@ -84,8 +85,12 @@ impl NetworkMethod {
     }
 
     pub(super) fn confidence(&self) -> ConfidenceKind {
-        let calibrated = |map: &vamvs_core::MonotoneMap| ConfidenceKind::Calibrated(map.clone());
+        let calibrated = |map: &MonotoneMap| ConfidenceKind::Calibrated(map.clone());
         self.estimator.calibration().map_or(ConfidenceKind::Probability, calibrated)
+    }
+
+    pub(super) fn refined_calibration(&self) -> Option<&MonotoneMap> {
+        self.estimator.network().manifest().refined_calibration.as_ref()
     }
 
     pub(super) fn memory(&self, limit: MemoryLimit) -> MethodMemory {
