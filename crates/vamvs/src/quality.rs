@@ -7,13 +7,13 @@ use crate::weights::NONE;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Quality {
-    /// A quick look at a capture: photographs of 800 pixels at most, vis-corr, one pass of refinement; a fifth of the time
-    /// of normal.
+    /// A quick look at a capture: photographs of 800 pixels at most, vis-corr, one pass of refinement; two fifths of the
+    /// time of normal.
     Draft,
     /// The defaults: vis-corr, both passes of refinement.
     #[default]
     Normal,
-    /// vis-max, which sees photographs of 1024 pixels: the fewest outliers, for ten times the time of normal.
+    /// vis-max, which sees photographs of 1024 pixels: the fewest outliers, for eleven times the time of normal.
     Best,
 }
 
