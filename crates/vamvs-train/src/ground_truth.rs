@@ -1,7 +1,7 @@
 //! The ground truth of a sample, looked up at the positions of the network's output.
 
 use vamvs_core::depth_map::is_valid;
-use vamvs_core::{Grid, Planes, Visibility};
+use vamvs_core::{Grid, Planes, Size, Visibility};
 
 /// Neighbouring pixels are on one surface if their depths differ by at most this, relative to the smallest.
 const ONE_SURFACE: f32 = 0.02;
@@ -42,6 +42,13 @@ impl GroundTruth {
         let [a, b, c, d] = [a, b, c, d].map(|depth| 1.0 / f64::from(depth));
         let (s, t) = (x - left, y - top);
         Some(1.0 / ((a * (1.0 - s) + b * s) * (1.0 - t) + (c * (1.0 - s) + d * s) * t))
+    }
+
+    /// The depths at the crossings of columns `xs` and rows `ys` (image coordinates of the sample), 0 where they are unknown.
+    #[must_use]
+    pub fn depths(&self, xs: &[f64], ys: &[f64]) -> Grid<f32> {
+        let at = |x: usize, y: usize| self.depth_at([xs[x], ys[y]]).unwrap_or(0.0) as f32;
+        Grid::from_fn(Size::new(xs.len(), ys.len()), at)
     }
 
     fn at(&self, x: f64, y: f64) -> Option<f32> {

@@ -1,12 +1,12 @@
 //! A scene with ground truth as a run sees it: cameras, source views and depth ranges, and the true depths of its depth maps.
 
-use vamvs_core::{Camera, DepthRange, Grid, Scene, Size, View};
+use vamvs_core::{Camera, Grid, Scene, Size, View};
 use vamvs_io::pfm;
 
 use crate::TrainError;
-use crate::dataset::TrainingScene;
+use crate::dataset::{TrainingScene, TrainingView};
 use crate::ground_truth::GroundTruth;
-use crate::sample::{WIDER, true_range};
+use crate::sample::{centres, run_range};
 
 impl TrainingScene {
     /// The scene, with the depth ranges of the ground truth, wider by a factor of 1.1 at each end. The number of a view is its
@@ -15,14 +15,14 @@ impl TrainingScene {
     /// # Errors
     /// If a view's ground truth cannot be read or has no depth.
     pub fn as_scene(&self) -> Result<Scene, TrainError> {
-        let view = |(index, view): (usize, &crate::dataset::TrainingView)| {
-            let range = true_range(&pfm::read_depth(&view.depth)?, view)?;
+        let view = |(index, view): (usize, &TrainingView)| {
+            let range = run_range(&pfm::read_depth(&view.depth)?, view)?;
             Ok(View {
                 id: index as u32,
                 name: view.image.file_name().unwrap_or_default().to_string_lossy().into_owned(),
                 camera: Camera::from(view.camera),
                 cam_from_world: view.cam_from_world,
-                depth_range: Some(DepthRange { near: range.near / WIDER, far: range.far * WIDER }),
+                depth_range: Some(range),
             })
         };
         let views = self.views.iter().enumerate().map(view).collect::<Result<_, TrainError>>()?;
@@ -37,7 +37,6 @@ impl TrainingScene {
         let depth = pfm::read_depth(&self.views[view].depth)?;
         let step = [depth.width() as f64 / size.width as f64, depth.height() as f64 / size.height as f64];
         let ground_truth = GroundTruth { depth, visibility: Vec::new(), origin: [0.0; 2], step };
-        let at = |x, y| ground_truth.depth_at([x as f64 + 0.5, y as f64 + 0.5]).unwrap_or(0.0) as f32;
-        Ok(Grid::from_fn(size, at))
+        Ok(ground_truth.depths(&centres(size.width, 1), &centres(size.height, 1)))
     }
 }

@@ -32,7 +32,7 @@ const OUTLIERS: f64 = 0.002;
 /// The depth range is computed from every fourth stored pixel in both directions.
 const STRIDE: usize = 4;
 /// How much wider the depth range of a whole view is than the ground truth's, at each end.
-pub(crate) const WIDER: f64 = 1.1;
+const WIDER: f64 = 1.1;
 /// The fraction of samples whose planes have another spacing than a run would choose.
 const OTHER_SPACING: f64 = 0.25;
 
@@ -66,8 +66,7 @@ impl Sample {
     pub fn true_depths(&self, scale: usize) -> Grid<f32> {
         let size = self.photos[0].camera.size;
         let (xs, ys) = (centres(size.width, scale), centres(size.height, scale));
-        let at = |x: usize, y: usize| self.ground_truth.depth_at([xs[x], ys[y]]).unwrap_or(0.0) as f32;
-        Grid::from_fn(Size::new(xs.len(), ys.len()), at)
+        self.ground_truth.depths(&xs, &ys)
     }
 
     /// The visibility in source view `source` at the crossings of columns `xs` and rows `ys`, as a mask in the shape of
@@ -366,7 +365,7 @@ fn planes(
 }
 
 /// The range of a view's ground-truth depths without outliers.
-pub(crate) fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, TrainError> {
+fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, TrainError> {
     let known = |stride: usize| -> Vec<f32> {
         let rows = (0..depth.height()).step_by(stride).map(|y| depth.row(y));
         rows.flat_map(|row| row.iter().step_by(stride)).copied().filter(|&depth| is_valid(depth)).collect()
@@ -383,6 +382,12 @@ pub(crate) fn true_range(depth: &Grid<f32>, view: &TrainingView) -> Result<Depth
         DepthRange::try_new(near * (1.0 - 1e-3), far * (1.0 + 1e-3)).ok()
     });
     range.ok_or_else(|| no_truth(view.depth.clone(), "found none"))
+}
+
+/// The range in which a run looks for a view's depths: that of the ground truth, wider by a factor of [`WIDER`] at each end.
+pub(crate) fn run_range(depth: &Grid<f32>, view: &TrainingView) -> Result<DepthRange, TrainError> {
+    let range = true_range(depth, view)?;
+    Ok(DepthRange { near: range.near / WIDER, far: range.far * WIDER })
 }
 
 fn ground_truth(
@@ -436,8 +441,7 @@ pub fn whole(
     });
     let photos = photos.collect::<Result<Vec<_>, TrainError>>()?;
     let depth = pfm::read_depth(&view.depth)?;
-    let range = true_range(&depth, view)?;
-    let range = DepthRange { near: range.near / WIDER, far: range.far * WIDER };
+    let range = run_range(&depth, view)?;
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
     let planes = Planes::for_views(range, cameras[0], &cameras[1..], (plane_step, options.max_planes));
     let ground_truth = ground_truth(scene, reference, depth, &sources, &cut(view))?;
