@@ -7,8 +7,8 @@ use crate::weights::NONE;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Quality {
-    /// A quick look at a capture: photographs of 800 pixels at most, vis-corr, one pass of refinement; two fifths of the
-    /// time of normal.
+    /// A quick look at a capture: photographs of 800 pixels at most, vis-corr, one pass of refinement; a third of the time
+    /// of normal.
     Draft,
     /// The defaults: vis-corr, both passes of refinement.
     #[default]
