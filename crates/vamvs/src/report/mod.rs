@@ -1,7 +1,8 @@
 //! `report.html`: a run on one page, made from its output folder alone.
 //!
 //! The page shows the cloud in 3-D and, for each view, its photograph, depth, confidence and what
-//! became of its pixels. The same folder gives the same page, so it holds no dates or times.
+//! became of its pixels; of a large run, pictures of some views only. The same folder gives the same page, so it
+//! holds no dates or times.
 
 mod record;
 mod view;
@@ -22,6 +23,10 @@ use view::ViewPanel;
 /// The colours of [`ViewReport::outcomes`], variables of the page's style sheet.
 const COLOURS: [&str; 7] =
     ["--lost-0", "--lost-1", "--lost-2", "--lost-3", "--lost-4", "--merged", "--points"];
+
+/// The number of views of which the page shows pictures. More would make it too large for a browser, and take longer
+/// than the fusion.
+const MOST_PICTURED: usize = 60;
 
 /// Writes the page of depth maps, `report.html` in their folder; returns its path.
 ///
@@ -122,12 +127,19 @@ impl<'a> Report<'a> {
             legend("depth, each view by itself", Scale::Turbo, "near", "far; grey: none"),
             legend("confidence", Scale::Confidence, "0", "1"),
         ]);
+        let pictured = pictured(self.maps.len());
+        let total = pictured.len();
+        if total < self.maps.len() {
+            page.paragraph(&format!(
+                "Pictures of {total} views, evenly spread over all {}; the table below counts the pixels of all.",
+                self.maps.len()
+            ));
+        }
         page.begin_panels();
-        let total = self.maps.len();
-        let panels =
-            crate::export::for_all_views(total, |view| ViewPanel::load(self.maps, view), &mut |done| {
-                tell(on_event, Event::Report { done, total })
-            })?;
+        let load = |index: usize| ViewPanel::load(self.maps, pictured[index]);
+        let panels = crate::export::for_all_views(total, load, &mut |done| {
+            tell(on_event, Event::Report { done, total })
+        })?;
         for panel in &panels {
             panel.add_to(page, self.fusion.as_ref().and_then(|fusion| fusion.pixels(panel.name())));
         }
@@ -175,6 +187,13 @@ impl<'a> Report<'a> {
     }
 }
 
+/// The views of which the page shows pictures, of `count`: all, or [`MOST_PICTURED`], evenly spread from the first to
+/// the last.
+fn pictured(count: usize) -> Vec<usize> {
+    let shown = count.min(MOST_PICTURED);
+    (0..shown).map(|index| index * (count - 1) / (shown - 1).max(1)).collect()
+}
+
 /// The views that were left out, each once per reason: by the run that made the depth maps, because
 /// their files cannot be read, or by fusion.
 fn left_out(maps: &Maps, fusion: Option<&FusionRecord>) -> Result<Vec<LeftOut>, VamvsError> {
@@ -197,4 +216,21 @@ fn shares(pixels: &ViewReport) -> Vec<Share> {
 
 fn legend(what: &'static str, scale: Scale, low: &str, high: &str) -> Legend {
     Legend { what, scale, low: low.to_owned(), high: high.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_run_is_pictured_whole_and_a_large_one_from_its_first_to_its_last_view() {
+        for count in [0, 1, 2, MOST_PICTURED] {
+            assert_eq!(pictured(count), (0..count).collect::<Vec<_>>());
+        }
+        for count in [MOST_PICTURED + 1, 1000, 10_000] {
+            let views = pictured(count);
+            assert_eq!((views.len(), views[0], views[MOST_PICTURED - 1]), (MOST_PICTURED, 0, count - 1));
+            assert!(views.is_sorted_by(|a, b| a < b), "no view twice");
+        }
+    }
 }
