@@ -54,14 +54,20 @@ class Conv1d(nn.Module):
         self.conv = nn.Conv1d(c_in, c_out, 1, bias=False)
         self.norm = normalisation(norm, c_out, 1, True)
 
+    def folded(self) -> list[Tensor]:
+        """Weight (C', C) and shift (C') with the BatchNorm of evaluation mode folded in."""
+        if self.batch:
+            n = self.norm
+            scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
+            return [self.conv.weight[:, :, 0] * scale[:, None], shift]
+        raise RuntimeError("only a BatchNorm can be folded")
+
     def forward(self, x: Tensor) -> Tensor:
-        weight = self.conv.weight[:, :, 0]
         if self.batch:
             if not self.training:
-                n = self.norm
-                scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
-                return torch.addmm(shift[:, None], weight * scale[:, None], x).relu_()
-        return F.relu(self.norm(torch.mm(weight, x)[None])[0])
+                weight, shift = self.folded()
+                return torch.addmm(shift[:, None], weight, x).relu_()
+        return F.relu(self.norm(torch.mm(self.conv.weight[:, :, 0], x)[None])[0])
 
 
 class Pair1d(nn.Module):
@@ -77,14 +83,20 @@ class Pair1d(nn.Module):
         self.conv = nn.Conv1d(c_a + c_b, c_out, 1, bias=False)
         self.norm = normalisation(norm, c_out, 1, True)
 
+    def folded(self) -> list[Tensor]:
+        """As `Conv1d.folded`, for the channels of a, then those of b."""
+        if self.batch:
+            n = self.norm
+            scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
+            return [self.conv.weight[:, :, 0] * scale[:, None], shift]
+        raise RuntimeError("only a BatchNorm can be folded")
+
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
-        weight = self.conv.weight[:, :, 0]
         if self.batch:
             if not self.training:
-                n = self.norm
-                scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
-                weight = weight * scale[:, None]
+                weight, shift = self.folded()
                 return self.joined(torch.addmm(shift[:, None], weight[:, : self.c_a], a), weight, b).relu_()
+        weight = self.conv.weight[:, :, 0]
         return F.relu(self.norm(self.joined(torch.mm(weight[:, : self.c_a], a), weight, b)[None])[0])
 
     def joined(self, of_a: Tensor, weight: Tensor, b: Tensor) -> Tensor:

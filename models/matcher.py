@@ -19,6 +19,7 @@ class GradientMatcher(nn.Module):
         self.register_buffer("directions", torch.stack((angles.cos(), angles.sin()), dim=1))  # (8, 2)
         self.register_buffer("luminance", torch.tensor([0.299, 0.587, 0.114]).view(1, 3, 1, 1))
         self.kernel = 3.0  # sharpness of the robust kernel: similarity is exp(−kernel · (1 − NCC))
+        self.noise = 2e-6  # added to the variances of HOG cells
         # Semi-global aggregation: the penalties of a step of one plane and of a larger jump, and the factor by
         # which the aggregated costs are multiplied, so that softmax(−costs) is a probability.
         self.small_step = 0.04
@@ -57,7 +58,7 @@ class GradientMatcher(nn.Module):
         product, mean_ref, mean_src = box(ref * src), box(ref), box(src)
         var_ref = box(ref.square()) - mean_ref.square()
         var_src = box(src.square()) - mean_src.square()
-        ncc = (product - mean_ref * mean_src) * torch.rsqrt((var_ref + 2e-6) * (var_src + 2e-6))
+        ncc = (product - mean_ref * mean_src) * torch.rsqrt((var_ref + self.noise) * (var_src + self.noise))
         return torch.exp(self.kernel * (ncc - 1.0))
 
     def costs(self, matches: Tensor) -> Tensor:

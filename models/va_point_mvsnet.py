@@ -167,20 +167,31 @@ class EdgeConv(nn.Module):
             out = torch.cat((first, out), dim=1)
         return out
 
+    def folded(self) -> list[Tensor]:
+        """With the BatchNorm of evaluation mode folded in: weight and shift of what each point keeps of itself (no rows
+        without `keep_centre`), weight and shift of what is subtracted from its neighbours, and the neighbours' weight."""
+        if self.batch:
+            n, c = self.norm, self.c_out
+            scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
+            w1, w2, kept = self.w1.weight, self.w2.weight, scale.shape[0] - c
+            own = w1[:kept] * scale[:kept, None]
+            return [own, shift[:kept], w1 * scale[-c:, None], -shift[-c:], w2 * scale[-c:, None]]
+        raise RuntimeError("only a BatchNorm can be folded")
+
     def evaluate(self, points: Tensor, neighbours: Tensor) -> Tensor:
-        n, c = self.norm, self.c_out
-        scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
-        centre = F.linear(points, self.w1.weight)
-        edge = F.linear(points, self.w2.weight * scale[-c:, None])  # W2 F_p times scale, (P, C')
-        offset = centre * scale[-c:] - shift[-c:]
-        out = torch.empty((points.shape[0], scale.shape[0]), dtype=points.dtype, device=points.device)
+        own_weight, own_shift, weight, shift, near_weight = self.folded()
+        c = self.c_out
+        edge = F.linear(points, near_weight)
+        offset = F.linear(points, weight, shift)
+        kept = own_weight.shape[0]
+        out = torch.empty((points.shape[0], kept + c), dtype=points.dtype, device=points.device)
         if self.keep_centre:
-            out[:, :c] = F.relu(centre * scale[:c] + shift[:c])
+            out[:, :kept] = F.relu(F.linear(points, own_weight, own_shift))
         for start in range(0, points.shape[0], self.chunk):
             near = neighbours[start : start + self.chunk]
             gathered = edge.index_select(0, near.flatten()).view(near.shape[0], near.shape[1], c)
             gathered = gathered.sub_(offset[start : start + self.chunk, None]).relu_()
-            out[start : start + self.chunk, scale.shape[0] - c :] = gathered.mean(dim=1)
+            out[start : start + self.chunk, kept:] = gathered.mean(dim=1)
         return out
 
 
@@ -209,6 +220,16 @@ class FlowNet(nn.Module):
             out[start:end] = self.scores(first[start:end], second[start:end], third[start:end])
         return out
 
+    def folded(self) -> dict[str, list[Tensor]]:
+        """The folded layers, which the kernels of vamvs run on the CPU."""
+        mlp: list[Tensor] = []
+        for layer in self.mlp:
+            mlp.extend(layer.folded())
+        last = self.last.weight[:, :, 0]
+        mlp.extend([last, torch.zeros_like(last[:, 0])])
+        edges = self.edge1.folded() + self.edge2.folded() + self.edge3.folded()
+        return {"flow_edges": edges, "flow_scores": mlp}
+
     def scores(self, first: Tensor, second: Tensor, third: Tensor) -> Tensor:
         joined = torch.cat((first, second, third), dim=1)  # (P, 32 + 64 + 128)
         return torch.mm(self.last.weight[:, :, 0], self.mlp(joined.t()))[0]
@@ -224,6 +245,13 @@ class PairMlp(nn.Module):
         self.chunk = PAIRS
         self.pair = Pair1d(c_a, c_b, first, norm)
         self.rest = nn.Sequential(Conv1d(first, second, norm), Conv1d(second, last, norm))
+
+    def folded(self) -> list[Tensor]:
+        """Weights and shifts of the layers in turn."""
+        layers = self.pair.folded()
+        for layer in self.rest:
+            layers.extend(layer.folded())
+        return layers
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
         if self.training or b.requires_grad or b.is_cuda:
@@ -309,6 +337,7 @@ class VaPointMvsNet(nn.Module):
         }
         if norm == "batch":
             about["slabs"] = True
+            about["layers"] = True
         if matched:
             about["averaged"] = 1
         if window is not None:
@@ -351,6 +380,20 @@ class VaPointMvsNet(nn.Module):
     @torch.jit.export
     def set_manifest(self, about: str) -> None:
         self.about = about
+
+    @torch.jit.export
+    def layers(self) -> dict[str, list[Tensor]]:
+        layers = self.flow_net.folded()
+        if self.ignored > 0:
+            edges = layers["flow_edges"]
+            for index in (0, 2, 4):  # the weights of the first edge convolution
+                edges[index] = F.pad(edges[index], [self.ignored, 0])
+        if self.pairwise:
+            layers["relate"] = self.pair_coarse.folded()
+            layers["relate_flow"] = self.pair_flow.folded()
+        if self.matched:
+            layers["relate_ncc"] = [torch.tensor([self.matcher.kernel, self.matcher.noise])]
+        return layers
 
     @torch.jit.export
     def encode_coarse(self, images: Tensor) -> Tensor:

@@ -214,46 +214,59 @@ fn a_volume_that_is_never_whole_gives_the_costs_of_a_whole_one() {
     }
 }
 
-/// The native kernels of vis-corr against the tensor operations that they replace. Features that need gradients still
-/// use the tensor operations.
+/// The native kernels against the tensor operations and module methods that they replace. Features that need gradients
+/// still use those.
 #[test]
 fn native_kernels_give_what_tensors_give() {
     let views = fixtures::still_life(Size::new(107, 85), 4);
-    let estimator = estimator("weights/vis-corr");
-    let (network, planes) = (estimator.network(), planes(&views[0], 13));
-    let encode =
-        || -> Vec<EncodedView> { views.iter().map(|view| network.encode(&view.photo).unwrap()).collect() };
-    let (native, tensors) = (tch::no_grad(encode), encode());
-    let volume = |views: &[EncodedView]| {
-        let sources: Vec<_> = views[1..].iter().collect();
-        let CostVolume { volume, visibility } =
-            sweep(&swept(network, &views[0], &sources, &planes, 0), None).unwrap();
-        (volume.detach(), Tensor::stack(&visibility, 0).detach())
-    };
-    let (found, expected) = (volume(&native), volume(&tensors));
-    assert!(expected.0.abs().max().double_value(&[]) > 0.01, "the volume is not zero");
-    assert_near(&found.0, &expected.0);
-    assert_near(&found.1, &expected.1);
-    let refined = |views: &[EncodedView]| {
-        let sources: Vec<_> = views[1..].iter().collect();
-        let masks: Vec<_> = (0..3).map(|source| expected.1.get(source)).collect();
-        let u = Tensor::linspace(2.0, 10.0, 22 * 28, (Kind::Float, Device::Cpu)).view([22, 28]);
-        let iteration = Iteration { scale: 4, step: 0.5 };
-        let stage = estimator.flow_stage(&views[0], &sources, &planes, &masks, iteration);
-        let map = stage.refine(&u, &mut Profile::default()).unwrap();
-        (map.u.detach(), map.confidence.detach())
-    };
-    let (found, expected) = (refined(&native), refined(&tensors));
-    assert_near(&found.0, &expected.0);
-    assert_near(&found.1, &expected.1);
+    for name in of_each_aggregation().chain(["weights/vis-max", "weights/vis-var", "weights/var"]) {
+        let estimator = estimator(name);
+        let (network, planes) = (estimator.network(), planes(&views[0], 13));
+        assert!(network.manifest().layers || network.manifest().aggregation.correlates(), "{name}");
+        let encode = || -> Vec<EncodedView> {
+            views.iter().map(|view| network.encode(&view.photo).unwrap()).collect()
+        };
+        let (native, tensors) = (tch::no_grad(encode), encode());
+        let volume = |views: &[EncodedView]| {
+            let sources: Vec<_> = views[1..].iter().collect();
+            let CostVolume { volume, visibility } =
+                sweep(&swept(network, &views[0], &sources, &planes, 0), None).unwrap();
+            (volume.detach(), visibility.iter().map(Tensor::detach).collect::<Vec<_>>())
+        };
+        let (found, expected) = (volume(&native), volume(&tensors));
+        assert!(expected.0.std(true).double_value(&[]) > 0.0, "{name}: the volume is not constant");
+        assert_near(name, &found.0, &expected.0);
+        found.1.iter().zip(&expected.1).for_each(|(found, expected)| assert_near(name, found, expected));
+        for scale in [8, 4, 2] {
+            let refined = |views: &[EncodedView]| {
+                let sources: Vec<_> = views[1..].iter().collect();
+                let u = Tensor::linspace(2.0, 10.0, 22 * 28, (Kind::Float, Device::Cpu)).view([22, 28]);
+                let stage = estimator.flow_stage(
+                    &views[0],
+                    &sources,
+                    &planes,
+                    &expected.1,
+                    Iteration { scale, step: 0.5 },
+                );
+                let map = stage.refine(&u, &mut Profile::default()).unwrap();
+                (map.u.detach(), map.confidence.detach())
+            };
+            if scale > native[0].stride {
+                continue;
+            }
+            let (found, expected) = (refined(&native), refined(&tensors));
+            assert_near(name, &found.0, &expected.0);
+            assert_near(name, &found.1, &expected.1);
+        }
+    }
 }
 
 /// Asserts equality up to rounding, which depends on the order of summation.
-fn assert_near(found: &Tensor, expected: &Tensor) {
-    assert_eq!(found.size(), expected.size());
+fn assert_near(name: &str, found: &Tensor, expected: &Tensor) {
+    assert_eq!(found.size(), expected.size(), "{name}");
     let apart = (found - expected).abs().max().double_value(&[]);
     let largest = expected.abs().max().double_value(&[]);
-    assert!(apart < 1e-4 * largest, "difference {apart}, largest value {largest}");
+    assert!(apart < 1e-4 * largest, "{name}: difference {apart}, largest value {largest}");
 }
 
 /// The shipped vis-max takes the maximum over the source views of all channels but the last, which it averages.

@@ -5,6 +5,10 @@ use nalgebra::Vector3;
 use vamvs_core::{DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Pose, Size, Spacing};
 use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile, Stage};
 
+/// The allocator of the command, which serves libtorch too.
+#[global_allocator]
+static MIMALLOC: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |index: usize| arguments[index].parse::<usize>();

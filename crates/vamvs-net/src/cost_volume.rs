@@ -8,8 +8,12 @@ use tch::{Kind, TchError, Tensor};
 use vamvs_core::Planes;
 
 use crate::correlate::{correlation, pooled};
+use crate::native::layers::{Layers, Ncc, PairMlp};
+use crate::native::ncc::{self, Own};
+use crate::native::pairs::{self, Pairs, Reduction};
+use crate::native::samples::{Points, Sampled, share_of};
 use crate::native::transfer::Transfer;
-use crate::native::{self, Level, in_memory};
+use crate::native::{self, Level, in_memory, in_memory_mut};
 use crate::profile::{Profile, Stage};
 use crate::project::{Outside, PixelGrid, Projection, depth_of, for_offset, sample};
 use crate::script::Mode;
@@ -29,6 +33,58 @@ struct Sweep<'a> {
     offset: f64,
     /// Planes in a slab.
     slab: usize,
+    /// If kernels relate pairs of views: what they need of all planes.
+    pairs: Option<NativePairs<'a>>,
+}
+
+/// Pairs of views that native kernels relate. Interpolation and a linear map commute, so the first layer of the MLP is
+/// applied to the features of each view before they are warped.
+struct NativePairs<'a> {
+    mlp: &'a PairMlp,
+    ncc: Option<Ncc>,
+    /// What the first layer gives for the reference view, and for each source view, (h, w, H).
+    of_reference: Vec<f32>,
+    of_sources: Vec<Vec<f32>>,
+    /// The channels that the MLP leaves aside, of the reference view and of each source view, (h, w, R).
+    aside: Tensor,
+    sources_aside: Vec<Tensor>,
+}
+
+impl<'a> NativePairs<'a> {
+    fn new(
+        layers: &'a Layers,
+        mlp: &'a PairMlp,
+        reference: &Tensor,
+        sources: &[&Tensor],
+    ) -> Result<Self, NetError> {
+        let used = mlp.of_source.inputs() as i64;
+        let aside = |features: &Tensor| {
+            let rest = features.f_narrow(1, used, features.size()[1] - used)?;
+            rest.f_squeeze_dim(0)?.f_permute([1, 2, 0])?.f_contiguous()
+        };
+        let source = |features: &&Tensor| Ok(pairs::of_pixels(&mlp.of_source, Level::of(features)?));
+        Ok(Self {
+            mlp,
+            ncc: layers.ncc,
+            of_reference: pairs::of_pixels(&mlp.of_reference, Level::of(reference)?),
+            of_sources: sources.iter().map(source).collect::<Result<_, NetError>>()?,
+            aside: aside(reference)?,
+            sources_aside: sources.iter().map(|features| aside(features)).collect::<Result<_, TchError>>()?,
+        })
+    }
+
+    /// What a kernel samples of a source view.
+    fn levels(&self, index: usize, shift: [f32; 2]) -> Result<Vec<(Level<'_>, [f32; 2])>, NetError> {
+        let aside = &self.sources_aside[index];
+        let (height, width, channels) = aside.size3()?;
+        let level =
+            |values, channels| Level { values, width: width as usize, height: height as usize, channels };
+        let mut levels = vec![(level(&self.of_sources[index], self.mlp.of_source.outputs()), shift)];
+        if self.ncc.is_some() {
+            levels.push((level(in_memory(aside)?, channels as usize), shift));
+        }
+        Ok(levels)
+    }
 }
 
 /// The regularised costs of the planes, and for vis-var and vis-corr the visibility masks.
@@ -105,11 +161,12 @@ pub fn costs(
         let slab = slab.f_permute([1, 0, 2, 3])?.f_unsqueeze(0)?;
         profile.time(Stage::Regularize, || slabs.add(&slab))?;
     }
+    drop(sweep); // what it holds is free for the layers that follow
     Ok(Costs { costs: profile.time(Stage::Regularize, || slabs.finish())?, visibility })
 }
 
 impl<'a> Sweep<'a> {
-    fn new(inputs: &SweepInputs<'a>) -> Result<Self, TchError> {
+    fn new(inputs: &SweepInputs<'a>) -> Result<Self, NetError> {
         let SweepInputs { network, reference, sources, planes, level, slab_bytes } = *inputs;
         let stride = reference.stride << level;
         let pixel_grid = PixelGrid::new(stride, (0, 0), 1, reference.size_at(stride));
@@ -121,7 +178,14 @@ impl<'a> Sweep<'a> {
             .collect::<Result<_, TchError>>()?;
         let plane_bytes = reference.coarse[level].numel() * size_of::<f32>();
         let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
-        Ok(Self { network, reference, sources, planes, pixel_grid, level, offset, slab })
+        let features = &reference.coarse[level];
+        let layers = native::layers(network, std::slice::from_ref(features));
+        let pairs = layers.and_then(|layers| Some((layers, layers.relate.as_ref()?))).map(|(layers, mlp)| {
+            let sources: Vec<&Tensor> = inputs.sources.iter().map(|source| &source.coarse[level]).collect();
+            NativePairs::new(layers, mlp, features, &sources)
+        });
+        let pairs = pairs.transpose()?;
+        Ok(Self { network, reference, sources, planes, pixel_grid, level, offset, slab, pairs })
     }
 
     /// The masks that weigh the views: `seen` if it is given and the aggregation weighs views, else the network's.
@@ -152,7 +216,7 @@ impl Sweep<'_> {
     /// vis-corr: the mean over the source views of their correlations with the reference view, weighted by their
     /// visibility.
     fn correlate(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
-        if native::serves(self.network, &self.reference.flow) {
+        if native::correlates(self.network, &self.reference.flow) {
             return self.correlate_natively(seen);
         }
         let mut reducer = self.network.manifest().aggregation.reducer();
@@ -234,6 +298,9 @@ impl Sweep<'_> {
 
     /// The slab that begins with plane `first`, aggregated over the views: (D', C', h, w).
     fn aggregate(&self, first: usize, visibility: &[Tensor]) -> Result<Tensor, NetError> {
+        if let Some(pairs) = &self.pairs {
+            return self.relate_natively(first, pairs);
+        }
         let manifest = self.network.manifest();
         let aggregation = manifest.aggregation;
         let mut reducer = aggregation.reducer();
@@ -261,6 +328,45 @@ impl Sweep<'_> {
             Some(mean) => Ok(Tensor::f_cat(&[reduced, mean], 1)?),
             None => Ok(reduced),
         }
+    }
+
+    /// As [`Sweep::aggregate`] for pairs of views, with the native kernels.
+    fn relate_natively(&self, first: usize, native: &NativePairs<'_>) -> Result<Tensor, NetError> {
+        if self.sources.is_empty() {
+            return Err(no_views());
+        }
+        let NativePairs { mlp, ncc, of_reference, aside, .. } = native;
+        let (depths, _) = self.slab_depths(first)?;
+        let depths = Vec::<f32>::try_from(depths.f_flatten(0, -1)?)?;
+        let (h, w, channels) = aside.size3()?;
+        let (planes, pixels) = (depths.len() as i64, (h * w) as usize);
+        let outputs = mlp.outputs() + usize::from(ncc.is_some());
+        let related = Tensor::f_empty([planes, h, w, outputs as i64], (Kind::Float, tch::Device::Cpu))?;
+        let sampled = |(index, (source, _)): (usize, &(&EncodedView, Projection))| {
+            let transfer = Transfer::new(self.reference, source, self.planes.range.near);
+            Ok(Sampled { levels: native.levels(index, share_of(self.offset, source.padded))?, transfer })
+        };
+        let sources: Vec<_> =
+            self.sources.iter().enumerate().map(sampled).collect::<Result<_, NetError>>()?;
+        let own = Own { values: in_memory(aside)?, channels: channels as usize };
+        let mut moments = vec![[0.0; 3]; if ncc.is_some() { pixels * sources.len() } else { 0 }];
+        for (plane, depth) in (0..).zip(&depths) {
+            let pairs = Pairs {
+                points: Points { pixel_grid: &self.pixel_grid, depths: &vec![*depth; pixels] },
+                reference: of_reference,
+                mlp,
+                of_source: None,
+                reduction: Reduction::of(self.network.manifest().aggregation),
+                aside: ncc.map(|_| own),
+            };
+            let plane = related.f_get(plane)?;
+            let values = in_memory_mut(&plane)?;
+            pairs::related(&pairs, &sources, values, &mut moments);
+            if let Some(ncc) = ncc {
+                ncc::similarity(*ncc, own, &moments, w as usize, values);
+            }
+        }
+        Ok(related.f_permute([0, 3, 1, 2])?)
     }
 
     /// vis-var: the visibility mask of each source view, predicted from pair features that are max-pooled over all
@@ -302,6 +408,7 @@ impl Sweep<'_> {
     }
 }
 
-fn no_views() -> NetError {
+/// There is nothing to aggregate.
+pub(crate) fn no_views() -> NetError {
     NetError::Request("a depth map needs at least one source view".to_owned())
 }

@@ -66,7 +66,8 @@ impl Network {
         let image = image_tensor(photo)?.f_to_device(self.device())?;
         let large = enlarged(&image, enlarge)?;
         let mut flow = self.encode_flow(&large)?;
-        if native::serves(self, &flow) {
+        let layers = native::layers(self, &flow);
+        if native::correlates(self, &flow) || layers.is_some() {
             for level in &mut flow {
                 *level = native::channels_last(level)?;
             }
@@ -77,6 +78,11 @@ impl Network {
         }];
         if enlarge > 1 {
             coarse.push(self.encode_coarse(&image)?);
+        }
+        if layers.is_some_and(|layers| layers.relate.is_some()) {
+            for features in &mut coarse {
+                *features = native::channels_last(features)?;
+            }
         }
         let (_, _, height, width) = large.size4()?;
         Ok(EncodedView {

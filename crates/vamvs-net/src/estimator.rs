@@ -63,7 +63,7 @@ const CORRELATIONS: usize = 4;
 const CORRELATION_WORKSPACE: usize = 88 << 20;
 
 /// Memory of regularising slab by slab, in outputs of the first layers.
-const LAYERS: usize = 10;
+const LAYERS: usize = 5;
 
 /// The fewest planes that wait for the first layers, and the number of copies of them.
 const WAITING_PLANES: usize = 10;
@@ -199,11 +199,11 @@ impl Estimator {
         let hypotheses = 2 * self.network.manifest().hypotheses + 1;
         let points = self.options.strip_points.min(pixels * hypotheses);
         let flow = POINTS * points * channels.point * value;
-        WORKSPACE + features + encoding.max(self.coarse_bytes(pixels, planes)).max(flow)
+        WORKSPACE + features + encoding.max(self.coarse_bytes(pixels, views, planes)).max(flow)
     }
 
     /// Memory of the coarse stage for a coarse map of `pixels` pixels, bytes.
-    fn coarse_bytes(&self, pixels: usize, planes: usize) -> usize {
+    fn coarse_bytes(&self, pixels: usize, views: usize, planes: usize) -> usize {
         let (channels, value) = (self.network.channel_counts(), size_of::<f32>());
         let volume = channels.volume * planes * pixels * value;
         if self.network.manifest().aggregation.correlates() {
@@ -216,7 +216,10 @@ impl Estimator {
         }
         let waiting = (slab / plane).max(WAITING_PLANES) * channels.volume * pixels * value;
         let first_layers = channels.first_layers * planes * pixels * value;
-        (first_layers + SLABS * slab + WAITING * waiting).max(LAYERS * first_layers)
+        // Where kernels relate pairs, the first layer is applied to the features of each view before the sweep.
+        let mlp = self.network.layers().and_then(|layers| layers.relate.as_ref());
+        let of_views = mlp.map_or(0, |mlp| views * mlp.of_reference.outputs() * pixels * value);
+        (first_layers + of_views + SLABS * slab + WAITING * waiting).max(LAYERS * first_layers)
     }
 
     /// Estimates the depth map of `reference` from `sources` on `planes`, at the scale of the last iteration (the

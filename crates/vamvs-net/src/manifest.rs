@@ -33,6 +33,9 @@ pub struct Manifest {
     /// as a whole.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub slabs: bool,
+    /// Whether the module has `layers`, which gives the layers that kernels run on the CPU.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub layers: bool,
     /// vis-avg, vis-max: this many of the last channels of `relate` are averaged over the source views, whatever the
     /// aggregation of the others; not in the paper.
     #[serde(default, skip_serializing_if = "is_zero")]

@@ -13,9 +13,14 @@ use vamvs_core::{Planes, Size};
 
 use crate::coarse::{PlaneMap, expectation_and_confidence};
 use crate::correlate::correlation;
+use crate::cost_volume::no_views;
 use crate::encode::FLOW_SCALES;
+use crate::native::layers::Layers;
+use crate::native::pairs::{self, Pairs, Reduction};
+use crate::native::samples::{self, Points, Sampled, share_of};
 use crate::native::transfer::Transfer;
-use crate::native::{self, Level, fetch, in_memory, in_memory_mut};
+use crate::native::views::{self, Views};
+use crate::native::{self, Level, edges, fetch, in_memory, in_memory_mut};
 use crate::profile::{Profile, Stage};
 use crate::project::{Outside, PixelGrid, Projection, depth_of, for_offset, sample};
 use crate::script::{CONTEXT_LEVEL, POSITION_CHANNELS};
@@ -114,7 +119,7 @@ impl FlowStage<'_> {
         let neighbours =
             profile.time(Stage::Neighbours, || self.neighbours(&points, pixel_grid.size(), hypotheses))?;
         profile.time(Stage::Flow, || {
-            let scores = self.network.flow(&features, &neighbours)?; // (1, P)
+            let scores = self.scores(&features, &neighbours)?; // (1, P)
             let scores = scores.f_view([-1, hypotheses])?.f_tr()?; // (J, h·w)
             let flow = offset(&scores)?;
             let moved = u.f_select(0, 0)?.f_add(&flow.u.f_mul_scalar(self.iteration.step)?)?;
@@ -136,8 +141,13 @@ impl FlowStage<'_> {
 
     /// Aggregated features of all points, followed by their positions: (1, C'' + 24, P).
     fn features(&self, pixel_grid: &PixelGrid, depth: &Tensor, points: &Tensor) -> Result<Tensor, NetError> {
-        if native::serves(self.network, &self.reference.flow) {
+        if native::correlates(self.network, &self.reference.flow) {
             return self.native_features(pixel_grid, depth, points);
+        }
+        if let Some(layers) = self.layers() {
+            let aggregated = self.fetch_natively(layers, pixel_grid, depth)?;
+            let rows = Tensor::f_cat(&[aggregated, position_rows(points)?], 1)?;
+            return Ok(rows.f_tr()?.f_unsqueeze(0)?);
         }
         let aggregated = self.fetch(pixel_grid, depth)?; // (J, C'', h·w)
         let channels = aggregated.size()[1];
@@ -171,9 +181,7 @@ impl FlowStage<'_> {
                 reducer.add(&fetched, mask.as_ref())?;
             }
         }
-        let aggregated = reducer
-            .finish()?
-            .ok_or_else(|| NetError::Request("a depth map needs at least one source view".to_owned()))?;
+        let aggregated = reducer.finish()?.ok_or_else(no_views)?;
         if aggregation.correlates() {
             return self.with_context(&aggregated, &reference);
         }
@@ -211,20 +219,16 @@ impl FlowStage<'_> {
         points: &Tensor,
     ) -> Result<Tensor, NetError> {
         let (grid, group) = (pixel_grid.grid(self.reference, depth.device())?, self.network.manifest().group);
-        let reference = self.fetch_levels(self.reference, &grid, Outside::Border)?; // (1, C, h·w)
-        let reference = reference.f_squeeze_dim(0)?.f_tr()?.f_contiguous()?; // (h·w, C)
+        let reference = self.own_features(pixel_grid)?; // (h·w, C)
         let masks = self.visibility[..self.sources.len()].iter();
         let masks = masks.map(|mask| self.mask(mask, &grid)?.f_contiguous());
         let masks: Vec<Tensor> = masks.collect::<Result<_, TchError>>()?;
         let sources = self.sources.iter().zip(&masks).map(|(source, mask)| self.native_source(source, mask));
         let sources: Vec<_> = sources.collect::<Result<_, NetError>>()?;
         let depth = depth.f_contiguous()?;
-        let about = fetch::Points {
-            pixel_grid,
-            depths: in_memory(&depth)?,
-            reference: in_memory(&reference)?,
-            group,
-        };
+        let about = fetch::Points { pixel_grid, depths: in_memory(&depth)?, reference: &reference, group };
+        let reference = Tensor::f_from_slice(&reference)?
+            .f_view([(pixel_grid.x.len() * pixel_grid.y.len()) as i64, -1])?;
         let correlated = reference.size()[1] / group as i64;
         let rows = Tensor::f_empty([points.size()[1], correlated], (Kind::Float, tch::Device::Cpu))?;
         fetch::correlations(&about, &sources, in_memory_mut(&rows)?, correlated as usize);
@@ -254,8 +258,85 @@ impl FlowStage<'_> {
         let hypotheses = rows.size()[0] / context.size()[0];
         let context = context.f_unsqueeze(1)?.f_expand([-1, hypotheses, -1], false)?;
         let context = context.f_reshape([rows.size()[0], -1])?;
-        let position = points.f_tr()?.f_repeat([1, POSITION_CHANNELS / 3])?;
-        Ok(Tensor::f_cat(&[rows, &context, &position], 1)?.f_tr()?.f_unsqueeze(0)?)
+        Ok(Tensor::f_cat(&[rows, &context, &position_rows(points)?], 1)?.f_tr()?.f_unsqueeze(0)?)
+    }
+
+    /// The network's layers, if kernels run them.
+    fn layers(&self) -> Option<&Layers> {
+        native::layers(self.network, &self.reference.flow)
+    }
+
+    /// As [`FlowStage::fetch`], with the native kernels: (h·w·J, C'').
+    fn fetch_natively(
+        &self,
+        layers: &Layers,
+        pixel_grid: &PixelGrid,
+        depth: &Tensor,
+    ) -> Result<Tensor, NetError> {
+        let channels =
+            self.sources.first().ok_or_else(no_views)?.flow.iter().map(|level| level.size()[1]).sum();
+        let reference = self.own_features(pixel_grid)?; // (h·w, C)
+        let depth = depth.f_contiguous()?;
+        let points = Points { pixel_grid, depths: in_memory(&depth)? };
+        let sources = self.sources.iter().map(|source| {
+            let transfer = Transfer::new(self.reference, source, self.planes.range.near);
+            Ok(Sampled { levels: self.levels(source)?, transfer })
+        });
+        let sources: Vec<_> = sources.collect::<Result<_, NetError>>()?;
+        let aggregation = self.network.manifest().aggregation;
+        let rows = |channels: i64| {
+            Tensor::f_empty([depth.numel() as i64, channels], (Kind::Float, tch::Device::Cpu))
+        };
+        if let Some(mlp) = &layers.relate_flow {
+            let pixels = pixel_grid.x.len() * pixel_grid.y.len();
+            let own = Level { values: &reference, width: pixels, height: 1, channels: channels as usize };
+            let own = pairs::of_pixels(&mlp.of_reference, own);
+            let pairs = Pairs {
+                points,
+                reference: &own,
+                mlp,
+                of_source: Some(&mlp.of_source),
+                reduction: Reduction::of(aggregation),
+                aside: None,
+            };
+            let related = rows(mlp.outputs() as i64)?;
+            pairs::related(&pairs, &sources, in_memory_mut(&related)?, &mut []);
+            return Ok(related);
+        }
+        let grid = pixel_grid.grid(self.reference, tch::Device::Cpu)?;
+        let masks =
+            self.visibility.iter().take(sources.len()).map(|mask| self.mask(mask, &grid)?.f_contiguous());
+        let masks: Vec<Tensor> = masks.collect::<Result<_, TchError>>()?;
+        let masks: Vec<&[f32]> = masks.iter().map(in_memory).collect::<Result<_, _>>()?;
+        let fetched = rows(channels)?;
+        let views = Views { points, reference: &reference, sources: &sources, masks: &masks, aggregation };
+        views::reduced(&views, in_memory_mut(&fetched)?);
+        Ok(fetched)
+    }
+
+    /// The flow features of a view, to be sampled by a kernel.
+    fn levels<'b>(&self, view: &'b EncodedView) -> Result<Vec<(Level<'b>, [f32; 2])>, NetError> {
+        let level = |(features, scale): (&'b Tensor, usize)| {
+            let offset = self.network.manifest().feature_offset(scale);
+            Ok((Level::of(features)?, share_of(offset, view.padded)))
+        };
+        view.flow.iter().zip(FLOW_SCALES).map(level).collect()
+    }
+
+    /// The reference view's own features of all levels at the pixels, (h·w, C₁ + C₂ + C₃).
+    fn own_features(&self, pixel_grid: &PixelGrid) -> Result<Vec<f32>, NetError> {
+        Ok(samples::own_features(pixel_grid, &self.levels(self.reference)?, self.reference.padded))
+    }
+
+    /// The scores of points, (1, P), from their features (1, C'' + 24, P) and neighbours (1, P, k).
+    fn scores(&self, features: &Tensor, neighbours: &Tensor) -> Result<Tensor, NetError> {
+        let Some(layers) = self.layers().filter(|_| !features.requires_grad()) else {
+            return self.network.flow(features, neighbours);
+        };
+        let rows = features.f_squeeze_dim(0)?.f_tr()?.f_contiguous()?; // (P, C'' + 24)
+        let scores = Tensor::f_empty([1, rows.size()[0]], (Kind::Float, tch::Device::Cpu))?;
+        edges::scores(layers, in_memory(&rows)?, in_memory(neighbours)?, in_memory_mut(&scores)?);
+        Ok(scores)
     }
 
     /// vis-corr: joins correlations (J, G, h·w) and the reference view's own features at 1/4 (taken from all its
@@ -328,6 +409,11 @@ pub fn upsample_nearest(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
         return Ok(map.shallow_clone());
     }
     map.f_unsqueeze(0)?.f_unsqueeze(0)?.f_upsample_nearest2d(target, None, None)?.f_squeeze()
+}
+
+/// Positions (3, P) as the flow gets them, (P, 24).
+fn position_rows(points: &Tensor) -> Result<Tensor, TchError> {
+    points.f_tr()?.f_repeat([1, POSITION_CHANNELS / 3])
 }
 
 #[cfg(test)]

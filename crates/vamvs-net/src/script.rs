@@ -8,6 +8,7 @@ use tch::{CModule, IValue, Kind, TchError, Tensor};
 use crate::correlate::{correlation, pooled};
 use crate::encode::LARGEST_STRIDE;
 use crate::error::Libtorch;
+use crate::native::layers::{Layers, PairMlp};
 use crate::slabs::Slabs;
 use crate::{Device, Manifest, NetError};
 
@@ -29,6 +30,8 @@ pub struct Network {
     device: Device,
     name: String,
     channel_counts: ChannelCounts,
+    /// The layers that kernels run, with the weights of the last change to [`Mode::Evaluation`].
+    layers: Option<Layers>,
 }
 
 /// The channel counts of a module's outputs, measured when it was loaded.
@@ -91,7 +94,9 @@ impl Network {
             device,
             name,
             channel_counts: ChannelCounts::default(),
+            layers: None,
         };
+        network.layers = network.folded()?;
         network.channel_counts = tch::no_grad(|| network.probe())?;
         Ok(network)
     }
@@ -122,7 +127,35 @@ impl Network {
             Mode::Evaluation => self.module.f_set_eval()?,
         }
         self.mode = mode;
+        if mode == Mode::Evaluation {
+            self.layers = self.folded()?;
+        }
         Ok(())
+    }
+
+    /// The layers that kernels run, if the module gives them.
+    pub(crate) fn layers(&self) -> Option<&Layers> {
+        self.layers.as_ref()
+    }
+
+    /// Asks the module for its layers.
+    fn folded(&self) -> Result<Option<Layers>, NetError> {
+        if !self.manifest.layers {
+            return Ok(None);
+        }
+        let answer = tch::no_grad(|| self.module.method_is::<IValue>("layers", &[]));
+        let expected = "() → dictionary of lists of tensors";
+        let answer = answer.map_err(|source| self.failed("layers", expected, source))?;
+        Layers::of(answer, &self.manifest).map(Some).map_err(|problem| self.layers_differ(&problem))
+    }
+
+    fn layers_differ(&self, problem: &str) -> NetError {
+        NetError::Manifest {
+            module: self.name.clone(),
+            problem: format!(
+                "says that it has layers for the kernels of this program, which do not fit: {problem}"
+            ),
+        }
     }
 
     /// The current mode of the normalisation layers.
@@ -188,6 +221,9 @@ impl Network {
         };
         let (volume, first_layers) = self.probe_volume(&coarse)?;
         let point = self.probe_flow(&levels)?;
+        if let Some(layers) = &self.layers {
+            self.probe_layers(layers, &coarse, &levels, volume)?;
+        }
         // If one pyramid serves both stages, its features are counted once.
         let own = self.shared_level().is_none().then_some(&coarse);
         let features = levels.iter().chain(own).map(Tensor::numel).sum::<usize>() / (SIDE * SIDE) as usize;
@@ -257,6 +293,32 @@ impl Network {
             Tensor::f_zeros([1, points, self.manifest.neighbours as i64], (Kind::Int64, self.device))?;
         let _scores = self.flow(&inputs, &neighbours)?;
         Ok(point as usize)
+    }
+
+    /// Checks the layers that kernels run against the channels that the methods take and give; `volume` is
+    /// [`ChannelCounts::volume`].
+    fn probe_layers(
+        &self,
+        layers: &Layers,
+        coarse: &Tensor,
+        levels: &[Tensor; 3],
+        volume: usize,
+    ) -> Result<(), NetError> {
+        let channels = |features: &Tensor| features.size()[1] as usize;
+        let flow = levels.iter().map(channels).sum();
+        let related = layers.relate_flow.as_ref().map_or(flow, PairMlp::outputs);
+        let differ = |problem: String| self.layers_differ(&problem);
+        let Manifest { averaged, .. } = self.manifest;
+        layers.check(channels(coarse), flow, related + POSITION_CHANNELS as usize).map_err(differ)?;
+        let Some(relate) = &layers.relate else { return Ok(()) };
+        if relate.outputs() + averaged != volume {
+            let found = relate.outputs();
+            return Err(self.layers_differ(&format!(
+                "relate gives {found} channels: expected those of the method relate without the averaged ones, {}",
+                volume - averaged
+            )));
+        }
+        Ok(())
     }
 
     /// Checks that a number of channels is a multiple of the group size.

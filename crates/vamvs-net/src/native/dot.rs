@@ -36,6 +36,17 @@ impl Corners {
         })
     }
 
+    /// Writes the interpolated channels to `out`.
+    #[inline(always)]
+    pub fn sample(&self, level: &Level<'_>, out: &mut [f32]) {
+        let corner = |index: usize| &level.values[self.offsets[index]..][..out.len()];
+        let (a, b, c, d) = (corner(0), corner(1), corner(2), corner(3));
+        let [wa, wb, wc, wd] = self.weights;
+        for channel in 0..out.len() {
+            out[channel] = wa * a[channel] + wb * b[channel] + wc * c[channel] + wd * d[channel];
+        }
+    }
+
     /// Adds `weight` times the correlation with the channels of a reference pixel to `sums`, one sum for each group.
     /// Channel c belongs to group c mod `G`.
     #[inline(always)]

@@ -1,32 +1,51 @@
-//! Kernels for the sampling and correlation of vis-corr on the CPU, without libtorch's intermediate tensors.
+//! Kernels for the networks' irregular parts on the CPU, without libtorch's intermediate tensors: sampling and
+//! correlation, the shared MLP on pairs of views, edge convolutions.
 //!
 //! libtorch warps all channels of a source view, multiplies, and averages groups, each step into a tensor of its own.
 //! The kernels read the features of a position once and write only the result. Training and GPUs use tensor
 //! operations instead, against which these kernels are tested.
 
 mod dot;
+pub(crate) mod edges;
 pub(crate) mod fetch;
+pub(crate) mod layers;
+pub(crate) mod ncc;
+pub(crate) mod pairs;
+pub(crate) mod samples;
 pub(crate) mod sweep;
 pub(crate) mod transfer;
+pub(crate) mod views;
 
 use tch::{Device, Kind, TchError, Tensor};
 
-use crate::{Aggregation, NetError, Network};
+use crate::script::Mode;
+use crate::{Aggregation, Manifest, NetError, Network};
+use layers::Layers;
+use tch::kind::Element;
 
 /// The numbers of groups in one level of features for which the kernels are compiled.
 const GROUPS: [usize; 2] = [4, 8];
 
-/// Whether the kernels apply: the network is a vis-corr, whose weighted mean they compute, and its features (1, C, h, w) are on the CPU, need no gradient,
+/// Whether the kernels that correlate apply: the network is a vis-corr, whose weighted mean they compute, and its features (1, C, h, w) are on the CPU, need no gradient,
 /// and have a supported number of groups.
-pub(crate) fn serves(network: &Network, features: &[Tensor]) -> bool {
-    let manifest = network.manifest();
+pub(crate) fn correlates(network: &Network, features: &[Tensor]) -> bool {
+    let Manifest { aggregation, group, .. } = network.manifest();
+    let fits = |level: &Tensor| GROUPS.contains(&(level.size()[1] as usize / group));
+    *aggregation == Aggregation::VisCorr && readable(features) && features.iter().all(fits)
+}
+
+/// The layers of the network that kernels run, if they apply: the module gave its layers, its normalisation uses the
+/// running statistics, and the features (1, C, h, w) are on the CPU and need no gradient.
+pub(crate) fn layers<'n>(network: &'n Network, features: &[Tensor]) -> Option<&'n Layers> {
+    network.layers().filter(|_| network.mode() == Mode::Evaluation && readable(features))
+}
+
+/// Whether kernels can read features: they are `f32` on the CPU, and no gradient flows back.
+fn readable(features: &[Tensor]) -> bool {
     let fits = |level: &Tensor| {
-        level.device() == Device::Cpu
-            && level.kind() == Kind::Float
-            && !level.requires_grad()
-            && GROUPS.contains(&(level.size()[1] as usize / manifest.group))
+        level.device() == Device::Cpu && level.kind() == Kind::Float && !level.requires_grad()
     };
-    manifest.aggregation == Aggregation::VisCorr && features.iter().all(fits)
+    features.iter().all(fits)
 }
 
 /// Features (1, C, h, w) laid out so that the channels of a pixel are contiguous in memory; the shape stays.
@@ -57,24 +76,31 @@ impl<'a> Level<'a> {
     }
 }
 
-/// The values of a contiguous `f32` tensor on the CPU. The caller keeps the tensor's memory alive for `'a`.
+/// The values of a contiguous tensor of type `T` on the CPU. The caller keeps the tensor's memory alive for `'a`.
 ///
 /// # Errors
 /// If the tensor has another type, device or layout.
-pub(crate) fn in_memory<'a>(tensor: &Tensor) -> Result<&'a [f32], NetError> {
-    if tensor.kind() != Kind::Float || tensor.device() != Device::Cpu || !tensor.is_contiguous() {
-        return Err(NetError::Request(
-            "a native kernel was given a tensor that is not a contiguous f32 tensor on the CPU".to_owned(),
-        ));
+pub(crate) fn in_memory<'a, T: Element>(tensor: &Tensor) -> Result<&'a [T], NetError> {
+    if tensor.kind() != T::KIND || tensor.device() != Device::Cpu || !tensor.is_contiguous() {
+        return Err(NetError::Request(format!(
+            "a native kernel was given a tensor that is not a contiguous {:?} tensor on the CPU",
+            T::KIND
+        )));
+    }
+    if tensor.numel() == 0 {
+        return Ok(&[]);
     }
     // SAFETY: a contiguous tensor has `numel` values from `data_ptr` on. The caller keeps its storage alive for the
     // lifetime, and nothing writes to it.
-    Ok(unsafe { std::slice::from_raw_parts(tensor.data_ptr().cast::<f32>(), tensor.numel()) })
+    Ok(unsafe { std::slice::from_raw_parts(tensor.data_ptr().cast::<T>(), tensor.numel()) })
 }
 
 /// As [`in_memory`], mutable, for a tensor that was just created.
 pub(crate) fn in_memory_mut<'a>(tensor: &Tensor) -> Result<&'a mut [f32], NetError> {
-    let values = in_memory(tensor)?;
+    let values = in_memory::<f32>(tensor)?;
+    if values.is_empty() {
+        return Ok(&mut []);
+    }
     // SAFETY: as above, and nothing else refers to the tensor yet.
     Ok(unsafe { std::slice::from_raw_parts_mut(values.as_ptr().cast_mut(), values.len()) })
 }
