@@ -77,6 +77,14 @@ class Pyramid(nn.Module):
         return self.out1(half), self.out2(quarter), self.out3(eighth)
 
 
+def planes_of(volume: Tensor, first: int, end: int) -> Tensor:
+    """The planes `first..end` of `padded(volume)`, which is never held as a whole."""
+    d, h, w = volume.shape[2], volume.shape[3], volume.shape[4]
+    inside = volume[:, :, min(first, d - 1) : min(end, d)]
+    pad = [0, -w % 8, 0, -h % 8, 0, end - first - inside.shape[2]]
+    return F.pad(inside, pad, mode="replicate") if max(pad) > 0 else inside
+
+
 class SmallVolumeNet(nn.Module):
     """Cost-volume regularisation: a 3D U-Net most of which works at half the resolution and below:
     (B, C, D, h, w) → (B, D, h, w)."""
@@ -99,20 +107,32 @@ class SmallVolumeNet(nn.Module):
 
     def forward(self, volume: Tensor) -> Tensor:
         _, _, d, h, w = volume.shape
-        volume = padded(volume)
-        half = self.scale2_same(self.scale2(volume))
+        if self.training or not self.scale2.batch:  # other normalisations than folded ones need the whole volume
+            volume = padded(volume)
+            half = self.half(self.scale2(volume))
+            full = self.up1(half) + F.relu(self.beside(volume))
+            return self.last(full)[:, 0, :d, :h, :w]
+        planes = d + -d % 8
+        firsts = range(0, planes, self.slab)
+        half = self.half(torch.cat([self.halved(volume, first, min(first + self.slab, planes)) for first in firsts], dim=2))
+        slabs = [self.costs(volume, half, first, min(first + self.slab, planes)) for first in firsts]
+        return torch.cat(slabs, dim=2)[:, 0, :d, :h, :w]
+
+    def half(self, half: Tensor) -> Tensor:
+        """The layers at half the resolution and below, on the output of `scale2`."""
+        half = self.scale2_same(half)
         quarter = self.scale4_same(self.scale4(half))
         eighth = self.scale8_same(self.scale8(quarter))
         quarter = self.up4(eighth) + quarter
-        half = self.up2(quarter) + half
-        if self.training:
-            full = self.up1(half) + F.relu(self.beside(volume))
-            return self.last(full)[:, 0, :d, :h, :w]
-        planes = volume.shape[2]
-        slabs = [
-            self.costs(volume, half, first, min(first + self.slab, planes)) for first in range(0, planes, self.slab)
-        ]
-        return torch.cat(slabs, dim=2)[:, 0, :d, :h, :w]
+        return self.up2(quarter) + half
+
+    def halved(self, volume: Tensor, first: int, end: int) -> Tensor:
+        """`scale2` of the planes `first..end` of a padded volume; both are even. It needs one plane before as a halo."""
+        weight, shift = self.scale2.folded()
+        planes = planes_of(volume, max(first - 1, 0), end)
+        if first == 0:
+            planes = F.pad(planes, [0, 0, 0, 0, 1, 0])
+        return F.conv3d(planes, weight, shift, 2, [0, 1, 1]).relu_()
 
     def beside(self, volume: Tensor) -> Tensor:
         """The skip connection at full resolution, before its ReLU: the 1×1×1 convolution `same` as a matrix product,
@@ -121,14 +141,14 @@ class SmallVolumeNet(nn.Module):
         return F.linear(volume.permute(0, 2, 3, 4, 1), weight, self.same.bias).permute(0, 4, 1, 2, 3)
 
     def costs(self, volume: Tensor, half: Tensor, first: int, end: int) -> Tensor:
-        """The last layers for the planes `first..end` only, so that their input at full resolution is never held as a
+        """The last layers for the planes `first..end` of the padded volume only, so that their input at full resolution is never held as a
         whole. The last convolution needs one plane before and one after as a halo."""
-        planes = volume.shape[2]
+        planes = volume.shape[2] + -volume.shape[2] % 8
         low, high = max(first - 1, 0), min(end + 1, planes)
         # Plane p of the upsampled volume is computed from plane p/2 or, if p is odd, (p − 1)/2 and (p + 1)/2.
         low_half, high_half = low // 2, min(high // 2 + 1, planes // 2)
         up = self.up1(half[:, :, low_half:high_half])[:, :, low - 2 * low_half : high - 2 * low_half]
-        full = up + F.relu(self.beside(volume[:, :, low:high]))
+        full = up + F.relu(self.beside(planes_of(volume, low, high)))
         full = F.pad(full, [0, 0, 0, 0, 1 if first == 0 else 0, 1 if end == planes else 0])
         return F.conv3d(full, self.last.weight, None, 1, [0, 1, 1])
 

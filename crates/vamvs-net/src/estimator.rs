@@ -56,14 +56,14 @@ const SLABS_OF_WHOLE: usize = 2;
 /// full resolution.
 const VOLUMES: usize = 4;
 
-/// As `VOLUMES`, for a volume of correlations, which has fewer channels than the layers.
-const CORRELATIONS: usize = 4;
+/// As `VOLUMES`, for a volume of correlations, whose layers at full resolution run on a few planes at a time.
+const CORRELATIONS: usize = 3;
 
 /// What libtorch keeps apart from tensors for the layers on a volume of correlations, in addition to `WORKSPACE`, bytes.
-const CORRELATION_WORKSPACE: usize = 88 << 20;
+const CORRELATION_WORKSPACE: usize = 180 << 20;
 
 /// Memory of regularising slab by slab, in outputs of the first layers.
-const LAYERS: usize = 5;
+const LAYERS: usize = 6;
 
 /// The fewest planes that wait for the first layers, and the number of copies of them.
 const WAITING_PLANES: usize = 10;
