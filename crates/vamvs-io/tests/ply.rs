@@ -117,6 +117,14 @@ fn some_points_of_many_are_those_of_the_whole() {
     assert_eq!(count, cloud.len());
     assert_eq!(some, places.iter().map(|&i| cloud[i]).collect::<Vec<_>>());
     assert_eq!(ply::read(&path).unwrap().len(), cloud.len());
+    // Records of text differ in length, so these are read one after the other.
+    let header =
+        "ply\nformat ascii 1.0\nelement vertex 70000\nproperty float x\nproperty float y\nproperty float z\n";
+    let lines: String = (0..70_000).map(|i| format!("{i} 1 2\n")).collect();
+    save(folder.path(), &format!("{header}end_header\n"), lines.as_bytes());
+    let (count, some) = ply::read_some(&path, |_| vec![3, 65_536, 69_999]).unwrap();
+    assert_eq!(count, 70_000);
+    assert_eq!(some.iter().map(|point| point.x_in_world[0]).collect::<Vec<_>>(), [3.0, 65_536.0, 69_999.0]);
 }
 
 #[test]

@@ -13,7 +13,7 @@ pub enum Quality {
     /// The defaults: vis-corr, both passes of refinement.
     #[default]
     Normal,
-    /// vis-max, which sees photographs of 1024 pixels: the fewest outliers, for eleven times the time of normal.
+    /// vis-max, which sees photographs of 1024 pixels: the fewest outliers, for five times the time of normal.
     Best,
 }
 

@@ -39,6 +39,10 @@ pub fn read(path: &Path) -> Result<Cloud, IoError> {
 pub fn read_some(path: &Path, choose: impl FnOnce(usize) -> Vec<usize>) -> Result<(usize, Cloud), IoError> {
     let (mut reader, header) = open_vertices(path)?;
     let count = header.elements.get(vertex::NAME).map_or(0, |vertices| vertices.count);
+    if let Some(bytes) = equal_records(&header) {
+        let taken = read_records(&mut reader, &header, bytes, choose(count), path)?;
+        return Ok((count, taken.into_iter().filter(is_finite).collect()));
+    }
     let (mut wanted, mut taken) = (choose(count).into_iter().peekable(), Cloud::new());
     let mut begin = 0;
     let mut visit = |part: Vec<Vertex>| {
@@ -49,6 +53,36 @@ pub fn read_some(path: &Path, choose: impl FnOnce(usize) -> Vec<usize>) -> Resul
     };
     read_payload(&mut reader, &header, PART, &mut visit).map_err(malformed(path))?;
     Ok((count, taken.into_iter().filter(is_finite).collect()))
+}
+
+/// The bytes of a vertex, if the file begins with vertices that all take the same number of them.
+fn equal_records(header: &Header) -> Option<u64> {
+    let (name, first) = header.elements.first()?;
+    let mut kinds = first.properties.values().map(|property| &property.data_type);
+    let equal =
+        header.encoding != Encoding::Ascii && kinds.all(|kind| matches!(kind, PropertyType::Scalar(_)));
+    (name == vertex::NAME && equal).then(|| least_bytes(first, header.encoding))
+}
+
+/// Reads the vertices of these indices, which ascend, from a file in which each takes as many `bytes`.
+fn read_records(
+    reader: &mut Reader<BufReader<File>>,
+    header: &Header,
+    bytes: u64,
+    wanted: Vec<usize>,
+    path: &Path,
+) -> Result<Cloud, IoError> {
+    let single = ElementDef { count: 1, ..header.elements[vertex::NAME].clone() };
+    let (parser, mut next) = (Parser::<Vertex>::new(), 0);
+    let mut taken = Cloud::with_capacity(wanted.len());
+    for place in wanted {
+        let skipped = (place - next) as u64 * bytes;
+        reader.get_mut().seek_relative(skipped as i64).map_err(IoError::system("read", path))?;
+        let vertices = parser.read_payload_for_element(reader, &single, header).map_err(malformed(path))?;
+        taken.extend(vertices.into_iter().map(|vertex| vertex.0));
+        next = place + 1;
+    }
+    Ok(taken)
 }
 
 /// Reads only the positions of a PLY file's vertices. This takes half the memory of whole points.
