@@ -34,13 +34,13 @@ struct Sweep<'a> {
     /// Planes in a slab.
     slab: usize,
     /// If kernels relate pairs of views: what they need of all planes.
-    pairs: Option<NativePairs<'a>>,
+    pairs: Option<NativePairs>,
 }
 
 /// Pairs of views that native kernels relate. Interpolation and a linear map commute, so the first layer of the MLP is
 /// applied to the features of each view before they are warped.
-struct NativePairs<'a> {
-    mlp: &'a PairMlp,
+struct NativePairs {
+    mlp: PairMlp,
     ncc: Option<Ncc>,
     /// What the first layer gives for the reference view, and for each source view, (h, w, H).
     of_reference: Vec<f32>,
@@ -50,10 +50,10 @@ struct NativePairs<'a> {
     sources_aside: Vec<Tensor>,
 }
 
-impl<'a> NativePairs<'a> {
+impl NativePairs {
     fn new(
-        layers: &'a Layers,
-        mlp: &'a PairMlp,
+        mlp: PairMlp,
+        ncc: Option<Ncc>,
         reference: &Tensor,
         sources: &[&Tensor],
     ) -> Result<Self, NetError> {
@@ -64,12 +64,12 @@ impl<'a> NativePairs<'a> {
         };
         let source = |features: &&Tensor| Ok(pairs::of_pixels(&mlp.of_source, Level::of(features)?));
         Ok(Self {
-            mlp,
-            ncc: layers.ncc,
+            ncc,
             of_reference: pairs::of_pixels(&mlp.of_reference, Level::of(reference)?),
             of_sources: sources.iter().map(source).collect::<Result<_, NetError>>()?,
             aside: aside(reference)?,
             sources_aside: sources.iter().map(|features| aside(features)).collect::<Result<_, TchError>>()?,
+            mlp,
         })
     }
 
@@ -179,12 +179,14 @@ impl<'a> Sweep<'a> {
         let plane_bytes = reference.coarse[level].numel() * size_of::<f32>();
         let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
         let features = &reference.coarse[level];
-        let layers = native::layers(network, std::slice::from_ref(features));
-        let pairs = layers.and_then(|layers| Some((layers, layers.relate.as_ref()?))).map(|(layers, mlp)| {
-            let sources: Vec<&Tensor> = inputs.sources.iter().map(|source| &source.coarse[level]).collect();
-            NativePairs::new(layers, mlp, features, &sources)
-        });
-        let pairs = pairs.transpose()?;
+        let pairs = match native::layers(network, std::slice::from_ref(features))? {
+            Some(Layers { relate: Some(mlp), ncc, .. }) => {
+                let sources: Vec<&Tensor> =
+                    inputs.sources.iter().map(|source| &source.coarse[level]).collect();
+                Some(NativePairs::new(mlp, ncc, features, &sources)?)
+            }
+            _ => None,
+        };
         Ok(Self { network, reference, sources, planes, pixel_grid, level, offset, slab, pairs })
     }
 
@@ -331,7 +333,7 @@ impl Sweep<'_> {
     }
 
     /// As [`Sweep::aggregate`] for pairs of views, with the native kernels.
-    fn relate_natively(&self, first: usize, native: &NativePairs<'_>) -> Result<Tensor, NetError> {
+    fn relate_natively(&self, first: usize, native: &NativePairs) -> Result<Tensor, NetError> {
         if self.sources.is_empty() {
             return Err(no_views());
         }

@@ -66,8 +66,8 @@ impl Network {
         let image = image_tensor(photo)?.f_to_device(self.device())?;
         let large = enlarged(&image, enlarge)?;
         let mut flow = self.encode_flow(&large)?;
-        let layers = native::layers(self, &flow);
-        if native::correlates(self, &flow) || layers.is_some() {
+        let runs_layers = native::runs_layers(self, &flow);
+        if native::correlates(self, &flow) || runs_layers {
             for level in &mut flow {
                 *level = native::channels_last(level)?;
             }
@@ -79,7 +79,7 @@ impl Network {
         if enlarge > 1 {
             coarse.push(self.encode_coarse(&image)?);
         }
-        if layers.is_some_and(|layers| layers.relate.is_some()) {
+        if runs_layers && self.manifest().aggregation.relates_pairs() {
             for features in &mut coarse {
                 *features = native::channels_last(features)?;
             }

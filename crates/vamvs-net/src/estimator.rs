@@ -217,8 +217,7 @@ impl Estimator {
         let waiting = (slab / plane).max(WAITING_PLANES) * channels.volume * pixels * value;
         let first_layers = channels.first_layers * planes * pixels * value;
         // Where kernels relate pairs, the first layer is applied to the features of each view before the sweep.
-        let mlp = self.network.layers().and_then(|layers| layers.relate.as_ref());
-        let of_views = mlp.map_or(0, |mlp| views * mlp.of_reference.outputs() * pixels * value);
+        let of_views = views * channels.hidden * pixels * value;
         (first_layers + of_views + SLABS * slab + WAITING * waiting).max(LAYERS * first_layers)
     }
 

@@ -85,13 +85,14 @@ impl FlowStage<'_> {
             PixelGrid::new(scale, (x, y), self.reference.stride / scale, self.reference.size_at(scale));
         let rows = pixel_grid.y.len();
         let reach = self.network.manifest().flow_layers * WINDOW_RADIUS;
+        let layers = native::layers(self.network, &self.reference.flow)?;
         let mut strips = Vec::new();
         for first in (0..rows).step_by(self.strip_rows) {
             let end = (first + self.strip_rows).min(rows);
             let (top, bottom) = (first.saturating_sub(reach), (end + reach).min(rows));
             let strip = pixel_grid.rows(top, bottom);
-            let map =
-                self.refine_strip(&strip, &u.f_narrow(0, top as i64, (bottom - top) as i64)?, profile)?;
+            let u = u.f_narrow(0, top as i64, (bottom - top) as i64)?;
+            let map = self.refine_strip(&strip, &u, layers.as_ref(), profile)?;
             let inner = |map: &Tensor| map.f_narrow(0, (first - top) as i64, (end - first) as i64);
             strips.push(PlaneMap { u: inner(&map.u)?, confidence: inner(&map.confidence)? });
         }
@@ -104,6 +105,7 @@ impl FlowStage<'_> {
         &self,
         pixel_grid: &PixelGrid,
         u: &Tensor,
+        layers: Option<&Layers>,
         profile: &mut Profile,
     ) -> Result<PlaneMap, NetError> {
         let Size { width, height } = pixel_grid.size();
@@ -115,11 +117,11 @@ impl FlowStage<'_> {
             .f_view([-1, 1])?;
         let depth = depth_of(self.planes, &u.f_add(&offsets)?)?; // (J, h·w), units of near
         let points = self.points(pixel_grid, &depth)?; // (3, P)
-        let features = profile.time(Stage::Fetch, || self.features(pixel_grid, &depth, &points))?; // (1, C, P)
+        let features = profile.time(Stage::Fetch, || self.features(pixel_grid, &depth, &points, layers))?; // (1, C, P)
         let neighbours =
             profile.time(Stage::Neighbours, || self.neighbours(&points, pixel_grid.size(), hypotheses))?;
         profile.time(Stage::Flow, || {
-            let scores = self.scores(&features, &neighbours)?; // (1, P)
+            let scores = self.scores(&features, &neighbours, layers)?; // (1, P)
             let scores = scores.f_view([-1, hypotheses])?.f_tr()?; // (J, h·w)
             let flow = offset(&scores)?;
             let moved = u.f_select(0, 0)?.f_add(&flow.u.f_mul_scalar(self.iteration.step)?)?;
@@ -140,11 +142,17 @@ impl FlowStage<'_> {
     }
 
     /// Aggregated features of all points, followed by their positions: (1, C'' + 24, P).
-    fn features(&self, pixel_grid: &PixelGrid, depth: &Tensor, points: &Tensor) -> Result<Tensor, NetError> {
+    fn features(
+        &self,
+        pixel_grid: &PixelGrid,
+        depth: &Tensor,
+        points: &Tensor,
+        layers: Option<&Layers>,
+    ) -> Result<Tensor, NetError> {
         if native::correlates(self.network, &self.reference.flow) {
             return self.native_features(pixel_grid, depth, points);
         }
-        if let Some(layers) = self.layers() {
+        if let Some(layers) = layers {
             let aggregated = self.fetch_natively(layers, pixel_grid, depth)?;
             let rows = Tensor::f_cat(&[aggregated, position_rows(points)?], 1)?;
             return Ok(rows.f_tr()?.f_unsqueeze(0)?);
@@ -261,11 +269,6 @@ impl FlowStage<'_> {
         Ok(Tensor::f_cat(&[rows, &context, &position_rows(points)?], 1)?.f_tr()?.f_unsqueeze(0)?)
     }
 
-    /// The network's layers, if kernels run them.
-    fn layers(&self) -> Option<&Layers> {
-        native::layers(self.network, &self.reference.flow)
-    }
-
     /// As [`FlowStage::fetch`], with the native kernels: (h·w·J, C'').
     fn fetch_natively(
         &self,
@@ -329,10 +332,13 @@ impl FlowStage<'_> {
     }
 
     /// The scores of points, (1, P), from their features (1, C'' + 24, P) and neighbours (1, P, k).
-    fn scores(&self, features: &Tensor, neighbours: &Tensor) -> Result<Tensor, NetError> {
-        let Some(layers) = self.layers().filter(|_| !features.requires_grad()) else {
-            return self.network.flow(features, neighbours);
-        };
+    fn scores(
+        &self,
+        features: &Tensor,
+        neighbours: &Tensor,
+        layers: Option<&Layers>,
+    ) -> Result<Tensor, NetError> {
+        let Some(layers) = layers else { return self.network.flow(features, neighbours) };
         let rows = features.f_squeeze_dim(0)?.f_tr()?.f_contiguous()?; // (P, C'' + 24)
         let scores = Tensor::f_empty([1, rows.size()[0]], (Kind::Float, tch::Device::Cpu))?;
         edges::scores(layers, in_memory(&rows)?, in_memory(neighbours)?, in_memory_mut(&scores)?);

@@ -30,8 +30,6 @@ pub struct Network {
     device: Device,
     name: String,
     channel_counts: ChannelCounts,
-    /// The layers that kernels run, with the weights of the last change to [`Mode::Evaluation`].
-    layers: Option<Layers>,
 }
 
 /// The channel counts of a module's outputs, measured when it was loaded.
@@ -45,6 +43,8 @@ pub(crate) struct ChannelCounts {
     pub volume: usize,
     /// Values for each pixel and plane that the first layers output, for a volume that is regularised slab by slab.
     pub first_layers: usize,
+    /// Channels after the first layer of `relate`, if kernels run it.
+    pub hidden: usize,
     /// Channels of a point: fetched features, pair features, and position.
     pub point: usize,
 }
@@ -94,9 +94,7 @@ impl Network {
             device,
             name,
             channel_counts: ChannelCounts::default(),
-            layers: None,
         };
-        network.layers = network.folded()?;
         network.channel_counts = tch::no_grad(|| network.probe())?;
         Ok(network)
     }
@@ -127,26 +125,15 @@ impl Network {
             Mode::Evaluation => self.module.f_set_eval()?,
         }
         self.mode = mode;
-        if mode == Mode::Evaluation {
-            self.layers = self.folded()?;
-        }
         Ok(())
     }
 
-    /// The layers that kernels run, if the module gives them.
-    pub(crate) fn layers(&self) -> Option<&Layers> {
-        self.layers.as_ref()
-    }
-
-    /// Asks the module for its layers.
-    fn folded(&self) -> Result<Option<Layers>, NetError> {
-        if !self.manifest.layers {
-            return Ok(None);
-        }
+    /// The layers that kernels run, with the weights of now. The manifest must have `layers`.
+    pub(crate) fn layers(&self) -> Result<Layers, NetError> {
         let answer = tch::no_grad(|| self.module.method_is::<IValue>("layers", &[]));
         let expected = "() → dictionary of lists of tensors";
         let answer = answer.map_err(|source| self.failed("layers", expected, source))?;
-        Layers::of(answer, &self.manifest).map(Some).map_err(|problem| self.layers_differ(&problem))
+        Layers::of(answer, &self.manifest).map_err(|problem| self.layers_differ(&problem))
     }
 
     fn layers_differ(&self, problem: &str) -> NetError {
@@ -221,13 +208,14 @@ impl Network {
         };
         let (volume, first_layers) = self.probe_volume(&coarse)?;
         let point = self.probe_flow(&levels)?;
-        if let Some(layers) = &self.layers {
-            self.probe_layers(layers, &coarse, &levels, volume)?;
-        }
+        let hidden = match self.manifest.layers {
+            true => self.probe_layers(&coarse, &levels, volume)?,
+            false => 0,
+        };
         // If one pyramid serves both stages, its features are counted once.
         let own = self.shared_level().is_none().then_some(&coarse);
         let features = levels.iter().chain(own).map(Tensor::numel).sum::<usize>() / (SIDE * SIDE) as usize;
-        Ok(ChannelCounts { features, coarse: coarse.size()[1] as usize, volume, first_layers, point })
+        Ok(ChannelCounts { features, coarse: coarse.size()[1] as usize, volume, first_layers, hidden, point })
     }
 
     /// The level of `encode_flow` that is also used as coarse features, if one pyramid serves both stages.
@@ -296,21 +284,16 @@ impl Network {
     }
 
     /// Checks the layers that kernels run against the channels that the methods take and give; `volume` is
-    /// [`ChannelCounts::volume`].
-    fn probe_layers(
-        &self,
-        layers: &Layers,
-        coarse: &Tensor,
-        levels: &[Tensor; 3],
-        volume: usize,
-    ) -> Result<(), NetError> {
+    /// [`ChannelCounts::volume`]. Returns [`ChannelCounts::hidden`].
+    fn probe_layers(&self, coarse: &Tensor, levels: &[Tensor; 3], volume: usize) -> Result<usize, NetError> {
+        let layers = self.layers()?;
         let channels = |features: &Tensor| features.size()[1] as usize;
         let flow = levels.iter().map(channels).sum();
         let related = layers.relate_flow.as_ref().map_or(flow, PairMlp::outputs);
         let differ = |problem: String| self.layers_differ(&problem);
         let Manifest { averaged, .. } = self.manifest;
         layers.check(channels(coarse), flow, related + POSITION_CHANNELS as usize).map_err(differ)?;
-        let Some(relate) = &layers.relate else { return Ok(()) };
+        let Some(relate) = &layers.relate else { return Ok(0) };
         if relate.outputs() + averaged != volume {
             let found = relate.outputs();
             return Err(self.layers_differ(&format!(
@@ -318,7 +301,7 @@ impl Network {
                 volume - averaged
             )));
         }
-        Ok(())
+        Ok(relate.of_reference.outputs())
     }
 
     /// Checks that a number of channels is a multiple of the group size.

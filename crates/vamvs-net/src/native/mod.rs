@@ -34,10 +34,15 @@ pub(crate) fn correlates(network: &Network, features: &[Tensor]) -> bool {
     *aggregation == Aggregation::VisCorr && readable(features) && features.iter().all(fits)
 }
 
-/// The layers of the network that kernels run, if they apply: the module gave its layers, its normalisation uses the
-/// running statistics, and the features (1, C, h, w) are on the CPU and need no gradient.
-pub(crate) fn layers<'n>(network: &'n Network, features: &[Tensor]) -> Option<&'n Layers> {
-    network.layers().filter(|_| network.mode() == Mode::Evaluation && readable(features))
+/// Whether kernels run the network's layers: the module gives them, its normalisation uses the running statistics, and
+/// the features (1, C, h, w) are on the CPU and need no gradient.
+pub(crate) fn runs_layers(network: &Network, features: &[Tensor]) -> bool {
+    network.manifest().layers && network.mode() == Mode::Evaluation && readable(features)
+}
+
+/// The layers of the network, with the weights of now, if kernels run them.
+pub(crate) fn layers(network: &Network, features: &[Tensor]) -> Result<Option<Layers>, NetError> {
+    runs_layers(network, features).then(|| network.layers()).transpose()
 }
 
 /// Whether kernels can read features: they are `f32` on the CPU, and no gradient flows back.
