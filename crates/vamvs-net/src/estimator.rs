@@ -60,7 +60,10 @@ const VOLUMES: usize = 4;
 const CORRELATIONS: usize = 3;
 
 /// What libtorch keeps apart from tensors for the layers on a volume of correlations, in addition to `WORKSPACE`, bytes.
-const CORRELATION_WORKSPACE: usize = 180 << 20;
+const CORRELATION_WORKSPACE: usize = 110 << 20;
+
+/// What the threads of the kernels that relate pairs keep, and what is not returned between their tensors, bytes.
+const KERNELS: usize = 44 << 20;
 
 /// Memory of regularising slab by slab, in outputs of the first layers.
 const LAYERS: usize = 6;
@@ -218,7 +221,9 @@ impl Estimator {
         let first_layers = channels.first_layers * planes * pixels * value;
         // Where kernels relate pairs, the first layer is applied to the features of each view before the sweep.
         let of_views = views * channels.hidden * pixels * value;
-        (first_layers + of_views + SLABS * slab + WAITING * waiting).max(LAYERS * first_layers)
+        let sweep = if channels.hidden > 0 { of_views } else { SLABS * slab };
+        let kernels = if channels.hidden > 0 { KERNELS } else { 0 };
+        kernels + (first_layers + sweep + WAITING * waiting).max(LAYERS * first_layers)
     }
 
     /// Estimates the depth map of `reference` from `sources` on `planes`, at the scale of the last iteration (the
