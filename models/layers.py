@@ -70,26 +70,13 @@ class Conv1d(nn.Module):
         return F.relu(self.norm(torch.mm(self.conv.weight[:, :, 0], x)[None])[0])
 
 
-class Pair1d(nn.Module):
+class Pair1d(Conv1d):
     """The first layer of a shared MLP on pairs [a, b], which are not concatenated: a (A, P), b (C, B · P) →
     (C', B · P). The part that depends on `a` alone is computed once."""
 
-    batch: Final[bool]
-
     def __init__(self, c_a: int, c_b: int, c_out: int, norm: str) -> None:
-        super().__init__()
-        self.batch = norm == "batch"
+        super().__init__(c_a + c_b, c_out, norm)
         self.c_a = c_a
-        self.conv = nn.Conv1d(c_a + c_b, c_out, 1, bias=False)
-        self.norm = normalisation(norm, c_out, 1, True)
-
-    def folded(self) -> list[Tensor]:
-        """As `Conv1d.folded`, for the channels of a, then those of b."""
-        if self.batch:
-            n = self.norm
-            scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
-            return [self.conv.weight[:, :, 0] * scale[:, None], shift]
-        raise RuntimeError("only a BatchNorm can be folded")
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
         if self.batch:

@@ -189,7 +189,7 @@ impl Estimator {
     ///
     /// The estimate is the features of all views plus the largest of these: encoding a photograph; the sweep and the
     /// regularisation of its volume; the points of a strip. The factors were measured on the built-in networks, for
-    /// which the estimate is between 0.9 and 1.3 of the peak.
+    /// which the estimate is between 0.8 and 1.3 of the peak.
     #[must_use]
     pub fn peak_bytes(&self, size: Size, views: usize, planes: usize) -> usize {
         let (channels, value, enlarge) =
