@@ -68,7 +68,7 @@ impl<'a> Rule<'a> {
             if open == 0 {
                 break;
             }
-            ask(pair, strip, &mut answers);
+            ask(pair, strip, open, &mut answers);
             count(&answers, CLEARLY_BEHIND * self.options.max_relative_depth, &mut tally);
         }
         asked & self.accepted(&tally, &needed)

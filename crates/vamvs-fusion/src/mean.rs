@@ -12,7 +12,7 @@ use crate::appearance::{Look, SeenView};
 use crate::packed_normal::PackedNormal;
 use crate::pair::Pair;
 use crate::photometric::focal;
-use crate::round_trip::{Answers, LANES, Lanes, fmax, fmin};
+use crate::round_trip::{Answers, LANES, Lanes, fmax, fmin, set_bits};
 use crate::wide::widened;
 
 /// The least confidence in the weight of a depth.
@@ -125,9 +125,9 @@ impl<'a> Means<'a> {
     pub fn begin(&mut self, pixels: &[usize], y: usize) {
         let seen = self.reference.seen;
         let first = y * seen.filtered.size().width;
-        let mut chosen = [None; LANES];
-        chosen.iter_mut().zip(pixels).for_each(|(chosen, x)| *chosen = Some((first + x) as u32));
-        let looks = Looks::at(seen, &chosen);
+        let mut chosen = [0; LANES];
+        chosen.iter_mut().zip(pixels).for_each(|(chosen, x)| *chosen = (first + x) as u32);
+        let looks = Looks::at(seen, u64::MAX >> (LANES - pixels.len()), &chosen);
         let (mut depth, mut confidence) = ([1.0; LANES], [0.0; LANES]);
         for (lane, &x) in pixels.iter().enumerate() {
             let [inverse_depth, sure] = seen.filtered.samples.data()[first + x];
@@ -148,11 +148,7 @@ impl<'a> Means<'a> {
         let agreeing = answers.agreeing();
         let mut depths = [[0.0; LANES]; 2];
         if agreeing != 0 {
-            let mut chosen = [None; LANES];
-            for lane in 0..LANES {
-                chosen[lane] = (agreeing >> lane & 1 == 1).then_some(answers.pixel[lane]);
-            }
-            measure_source(pair, answers, &Looks::at(source, &chosen), self, &mut depths);
+            measure_source(pair, answers, &Looks::at(source, agreeing, &answers.pixel), self, &mut depths);
         }
         self.depths.push(depths);
     }
@@ -184,18 +180,17 @@ impl<'a> Means<'a> {
 }
 
 impl Looks {
-    /// The pixels with these indices.
-    fn at(view: &SeenView, pixels: &Lanes<Option<u32>>) -> Self {
+    /// The pixels with these indices in the lanes that agree, one bit each.
+    fn at(view: &SeenView, agreeing: u64, pixels: &Lanes<u32>) -> Self {
         let mut looks = Self {
             agrees: [false; LANES],
             normal: [[0; LANES]; 2],
             colour: [[0; LANES]; 3],
             weight: [0.0; LANES],
         };
-        for lane in 0..LANES {
-            let Some(pixel) = pixels[lane] else { continue };
+        for lane in set_bits(agreeing) {
             let Look { normal: PackedNormal([u, v]), colour: [red, green, blue], inner } =
-                view.look.data()[pixel as usize];
+                view.look.data()[pixels[lane] as usize];
             looks.agrees[lane] = true;
             (looks.normal[0][lane], looks.normal[1][lane]) = (u, v);
             (looks.colour[0][lane], looks.colour[1][lane], looks.colour[2][lane]) = (red, green, blue);

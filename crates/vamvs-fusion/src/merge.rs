@@ -16,7 +16,7 @@ use crate::bits::BitGrid;
 use crate::mean::{Means, Viewpoint};
 use crate::pair::Pair;
 use crate::priority::Ranking;
-use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits, inverse_depths_in_source};
+use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits, inverse_depths_in_source, set_bits};
 use crate::wide::widened;
 
 /// Number of pixels in a batch, so that the points of a large view take little memory.
@@ -70,7 +70,7 @@ impl Merger<'_> {
             let strip = self.strip(pixels, y);
             means.begin(pixels, y);
             for other in &self.others {
-                ask(&other.pair, &strip, answers);
+                ask(&other.pair, &strip, u64::MAX >> (LANES - pixels.len()), answers);
                 means.add(&other.pair, other.seen, answers);
             }
             for lane in 0..pixels.len() {
@@ -91,13 +91,14 @@ impl Merger<'_> {
             let strip = Strip::of_row(y, number * LANES, samples);
             let mut open = kept;
             for other in &self.others {
-                if open & self.may_come_first(other, &strip) == 0 {
+                let may_be_taken = open & self.may_come_first(other, &strip);
+                if may_be_taken == 0 {
                     continue;
                 }
-                ask(&other.pair, &strip, answers);
+                ask(&other.pair, &strip, may_be_taken, answers);
                 open &= !self.taken(other, &strip, answers, open);
             }
-            pixels.extend((0..LANES).filter(|lane| open >> lane & 1 == 1).map(|lane| number * LANES + lane));
+            pixels.extend(set_bits(open).map(|lane| number * LANES + lane));
         }
         pixels
     }
@@ -118,11 +119,8 @@ impl Merger<'_> {
     /// before the reference view.
     fn taken(&self, other: &RivalView<'_>, strip: &Strip, answers: &Answers, open: u64) -> u64 {
         let width = other.seen.filtered.size().width;
-        let mut agreeing = answers.agreeing() & open;
         let mut taken = 0;
-        while agreeing != 0 {
-            let lane = agreeing.trailing_zeros() as usize;
-            agreeing &= agreeing - 1;
+        for lane in set_bits(answers.agreeing() & open) {
             let own = self.ranking.rank(strip.inverse_depth[lane]);
             let pixel = answers.pixel[lane] as usize;
             // Not the interpolated depth: see `Rank`.

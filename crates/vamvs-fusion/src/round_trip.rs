@@ -101,39 +101,77 @@ pub(crate) fn bits(lanes: &Lanes<bool>) -> u64 {
     lanes.as_chunks().0.iter().rev().fold(0, |bits, lanes| bits << 8 | eight(lanes))
 }
 
-widened! {
-    /// Computes the answers of the source view of a pair for the pixels of a strip.
-    pub(crate) fn ask(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) = ask_any;
+/// The lanes whose bits are set.
+pub(crate) fn set_bits(bits: u64) -> impl Iterator<Item = usize> {
+    let first = |bits: u64| (bits != 0).then_some(bits);
+    std::iter::successors(first(bits), move |&bits| first(bits & (bits - 1)))
+        .map(|bits| bits.trailing_zeros() as usize)
 }
 
-/// Where the pixels of a strip are seen in the source view.
+widened! {
+    /// Computes the answers of the source view of a pair for the pixels of a strip that are `open`, one bit each, and for
+    /// others in their [`BLOCK`]s. In blocks without an open pixel the source sees nothing.
+    pub(crate) fn ask(pair: &Pair<'_>, strip: &Strip, open: u64, answers: &mut Answers) = ask_any;
+}
+
+/// Number of pixels worked on at once: a vector of AVX-512, two of AVX2.
+const BLOCK: usize = 16;
+
+/// A number for each pixel of a block.
+type Block<T = f32> = [T; BLOCK];
+
+/// Where the pixels of a block are seen in the source view.
 struct Seen {
     /// Image coordinates.
-    at: [Lanes; 2],
+    at: [Block; 2],
     /// The points' inverse depths there.
-    inverse_depth: Lanes,
+    inverse_depth: Block,
     /// The upper left of the four pixels around, clamped to the image.
-    corner: [Lanes; 2],
+    corner: [Block; 2],
     /// Its index in the rasters.
-    place: Lanes<u32>,
+    place: Block<u32>,
     /// Whether the pixel is inside.
-    inside: Lanes<bool>,
+    inside: Block<bool>,
 }
 
 // No closures from here on: they would not be compiled for the widest vectors.
 #[inline(always)]
-fn ask_any(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) {
+fn ask_any(pair: &Pair<'_>, strip: &Strip, open: u64, answers: &mut Answers) {
     let size = pair.source.size();
-    let seen = project(pair, strip, answers);
-    if !any(&seen.inside) || size.width < 2 || size.height < 2 {
-        answers.error = [f32::INFINITY; LANES];
-        answers.behind = [-1.0; LANES];
-        return;
+    let has_surface = size.width >= 2 && size.height >= 2;
+    for number in 0..LANES / BLOCK {
+        let is_open = open >> (number * BLOCK) & ((1 << BLOCK) - 1) != 0;
+        if !(is_open && has_surface && ask_block(pair, strip, number, answers)) {
+            answers.error.as_chunks_mut().0[number] = [f32::INFINITY; BLOCK];
+            answers.behind.as_chunks_mut().0[number] = [-1.0; BLOCK];
+        }
     }
-    let corners = gather(pair.source.samples.data(), size.width, &seen.place);
-    let at = sample(pair, &seen, &corners, answers);
-    gather_confidence(pair.source.samples.data(), answers);
-    come_back(pair, strip, (&at, &seen.inside), answers);
+}
+
+/// Computes the answers for a block; returns false, and leaves it as it is, if the source view sees none of its pixels.
+#[inline(always)]
+fn ask_block(pair: &Pair<'_>, strip: &Strip, number: usize, answers: &mut Answers) -> bool {
+    let seen = project(pair, strip, number, answers);
+    if !any(&seen.inside) {
+        return false;
+    }
+    let corners = gather(pair.source.samples.data(), pair.source.size().width, &seen.place);
+    let at = sample(pair, &seen, &corners, number, answers);
+    gather_confidence(pair.source.samples.data(), number, answers);
+    come_back(pair, strip, (&at, &seen.inside), number, answers);
+    true
+}
+
+/// The numbers of a block.
+#[inline(always)]
+fn block<T>(lanes: &Lanes<T>, number: usize) -> &Block<T> {
+    &lanes.as_chunks().0[number]
+}
+
+/// The same, to be written.
+#[inline(always)]
+fn block_mut<T>(lanes: &mut Lanes<T>, number: usize) -> &mut Block<T> {
+    &mut lanes.as_chunks_mut().0[number]
 }
 
 widened! {
@@ -152,7 +190,7 @@ fn inverse_depths_any(pair: &Pair<'_>, strip: &Strip, found: &mut Lanes) {
 }
 
 #[inline(always)]
-fn any(lanes: &Lanes<bool>) -> bool {
+fn any(lanes: &Block<bool>) -> bool {
     let mut any = false;
     for &lane in lanes {
         any |= lane;
@@ -161,23 +199,25 @@ fn any(lanes: &Lanes<bool>) -> bool {
 }
 
 #[inline(always)]
-fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
+fn project(pair: &Pair<'_>, strip: &Strip, number: usize, answers: &mut Answers) -> Seen {
     let size = pair.source.size();
     let (width, height) = (size.width as f32, size.height as f32);
     let (m, o) = (&pair.to_source.linear, &pair.to_source.offset);
     let row_x = m[(0, 1)] * strip.y + m[(0, 2)];
     let row_y = m[(1, 1)] * strip.y + m[(1, 2)];
     let row_z = m[(2, 1)] * strip.y + m[(2, 2)];
-    let none = [0.0; LANES];
+    let (columns, inverse_depths) = (block(&strip.x, number), block(&strip.inverse_depth, number));
+    let parallax = block_mut(&mut answers.parallax, number);
+    let none = [0.0; BLOCK];
     let mut seen = Seen {
         at: [none; 2],
         inverse_depth: none,
         corner: [none; 2],
-        place: [0; LANES],
-        inside: [false; LANES],
+        place: [0; BLOCK],
+        inside: [false; BLOCK],
     };
-    for lane in 0..LANES {
-        let (x, w) = (strip.x[lane], strip.inverse_depth[lane]);
+    for lane in 0..BLOCK {
+        let (x, w) = (columns[lane], inverse_depths[lane]);
         let z = m[(2, 0)] * x + row_z + o.z * w;
         let per_z = 1.0 / z;
         let u = (m[(0, 0)] * x + row_x + o.x * w) * per_z;
@@ -186,7 +226,7 @@ fn project(pair: &Pair<'_>, strip: &Strip, answers: &mut Answers) -> Seen {
         // Lanes outside of the image use its first pixel.
         let (u, v) = if inside { (u, v) } else { (0.5, 0.5) };
         let (du, dv) = (o.x - o.z * u, o.y - o.z * v);
-        answers.parallax[lane] = (du * du + dv * dv).sqrt() * (w * per_z).abs() * pair.radians_per_pixel;
+        parallax[lane] = (du * du + dv * dv).sqrt() * (w * per_z).abs() * pair.radians_per_pixel;
         let left = whole(fmin(fmax(u - 0.5, 0.0), width - 2.0));
         let top = whole(fmin(fmax(v - 0.5, 0.0), height - 2.0));
         seen.at[0][lane] = u;
@@ -223,12 +263,12 @@ fn prefetch(samples: &[[f32; 2]], at: usize) {
 /// The inverse depths of four pixels each, whose upper left one is at a place: the upper two, the lower
 /// two.
 #[inline(always)]
-fn gather(samples: &[[f32; 2]], width: usize, places: &Lanes<u32>) -> [Lanes<[f32; 2]>; 2] {
-    let (mut upper, mut lower) = ([[0.0; 2]; LANES], [[0.0; 2]; LANES]);
-    for lane in (0..LANES).step_by(PREFETCH_STEP) {
+fn gather(samples: &[[f32; 2]], width: usize, places: &Block<u32>) -> [Block<[f32; 2]>; 2] {
+    let (mut upper, mut lower) = ([[0.0; 2]; BLOCK], [[0.0; 2]; BLOCK]);
+    for lane in (0..BLOCK).step_by(PREFETCH_STEP) {
         prefetch(samples, places[lane] as usize + PREFETCH_ROWS * width);
     }
-    for lane in 0..LANES {
+    for lane in 0..BLOCK {
         let place = places[lane] as usize;
         let four = &samples[place..place + width + 2];
         upper[lane] = [four[0][0], four[1][0]];
@@ -239,9 +279,11 @@ fn gather(samples: &[[f32; 2]], width: usize, places: &Lanes<u32>) -> [Lanes<[f3
 
 /// The confidences of pixels that were just gathered.
 #[inline(always)]
-fn gather_confidence(samples: &[[f32; 2]], answers: &mut Answers) {
-    for lane in 0..LANES {
-        answers.confidence[lane] = samples[answers.pixel[lane] as usize][1];
+fn gather_confidence(samples: &[[f32; 2]], number: usize, answers: &mut Answers) {
+    let confidence = block_mut(&mut answers.confidence, number);
+    let pixel = block(&answers.pixel, number);
+    for lane in 0..BLOCK {
+        confidence[lane] = samples[pixel[lane] as usize][1];
     }
 }
 
@@ -249,11 +291,20 @@ fn gather_confidence(samples: &[[f32; 2]], answers: &mut Answers) {
 /// the four pixels around agree, else that of the nearest pixel, at its centre. Returns the image
 /// coordinates of the sample.
 #[inline(always)]
-fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes<[f32; 2]>; 2], answers: &mut Answers) -> [Lanes; 2] {
+fn sample(
+    pair: &Pair<'_>,
+    seen: &Seen,
+    corners: &[Block<[f32; 2]>; 2],
+    number: usize,
+    answers: &mut Answers,
+) -> [Block; 2] {
     let width = pair.source.size().width as u32;
     let max_spread = pair.max_relative_depth;
-    let mut at = [[0.0; LANES]; 2];
-    for lane in 0..LANES {
+    let inverse_depth = block_mut(&mut answers.inverse_depth, number);
+    let pixel = block_mut(&mut answers.pixel, number);
+    let behind = block_mut(&mut answers.behind, number);
+    let mut at = [[0.0; BLOCK]; 2];
+    for lane in 0..BLOCK {
         let ([a, b], [c, d]) = (corners[0][lane], corners[1][lane]);
         let (lowest, highest) = (fmin(fmin(a, b), fmin(c, d)), fmax(fmax(a, b), fmax(c, d)));
         let (left, top) = (seen.corner[0][lane], seen.corner[1][lane]);
@@ -263,11 +314,11 @@ fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes<[f32; 2]>; 2], answers:
         let (is_right, is_lower) = (s >= 0.5, t >= 0.5);
         let (left_column, right_column) = if is_lower { (c, d) } else { (a, b) };
         let nearest = if is_right { right_column } else { left_column };
-        answers.inverse_depth[lane] = if smooth { upper + t * (lower - upper) } else { nearest };
-        answers.pixel[lane] = seen.place[lane] + u32::from(is_right) + if is_lower { width } else { 0 };
+        inverse_depth[lane] = if smooth { upper + t * (lower - upper) } else { nearest };
+        pixel[lane] = seen.place[lane] + u32::from(is_right) + if is_lower { width } else { 0 };
         let point = seen.inverse_depth[lane];
         let sees = seen.inside[lane] & (lowest > 0.0);
-        answers.behind[lane] = if sees { 1.0 - highest / point } else { -1.0 };
+        behind[lane] = if sees { 1.0 - highest / point } else { -1.0 };
         let centre = (left + if is_right { 1.5 } else { 0.5 }, top + if is_lower { 1.5 } else { 0.5 });
         at[0][lane] = if smooth { seen.at[0][lane] } else { centre.0 };
         at[1][lane] = if smooth { seen.at[1][lane] } else { centre.1 };
@@ -279,24 +330,29 @@ fn sample(pair: &Pair<'_>, seen: &Seen, corners: &[Lanes<[f32; 2]>; 2], answers:
 fn come_back(
     pair: &Pair<'_>,
     strip: &Strip,
-    (at, inside): (&[Lanes; 2], &Lanes<bool>),
+    (at, inside): (&[Block; 2], &Block<bool>),
+    number: usize,
     answers: &mut Answers,
 ) {
     let (m, o) = (&pair.to_reference.linear, &pair.to_reference.offset);
-    for lane in 0..LANES {
-        let (u, v, w) = (at[0][lane], at[1][lane], answers.inverse_depth[lane]);
+    let (columns, own) = (block(&strip.x, number), block(&strip.inverse_depth, number));
+    let theirs = block(&answers.inverse_depth, number);
+    let error = block_mut(&mut answers.error, number);
+    let back = answers.back.each_mut().map(|lanes| block_mut(lanes, number));
+    for lane in 0..BLOCK {
+        let (u, v, w) = (at[0][lane], at[1][lane], theirs[lane]);
         let x = m[(0, 0)] * u + m[(0, 1)] * v + m[(0, 2)] + o.x * w;
         let y = m[(1, 0)] * u + m[(1, 1)] * v + m[(1, 2)] + o.y * w;
         let z = m[(2, 0)] * u + m[(2, 1)] * v + m[(2, 2)] + o.z * w;
         // The depth that comes back is z / w, with w the source's inverse depth.
-        let depth_error = (z * strip.inverse_depth[lane] - w).abs() / (pair.max_relative_depth * w);
-        let (dx, dy) = (x - strip.x[lane] * z, y - strip.y * z);
+        let depth_error = (z * own[lane] - w).abs() / (pair.max_relative_depth * w);
+        let (dx, dy) = (x - columns[lane] * z, y - strip.y * z);
         let way = (dx * dx + dy * dy).sqrt() / (pair.max_reprojection * z);
         let sees = inside[lane] & (w > 0.0) & (z > 0.0);
-        answers.error[lane] = if sees { fmax(depth_error, way) } else { f32::INFINITY };
-        answers.back[0][lane] = x;
-        answers.back[1][lane] = y;
-        answers.back[2][lane] = z;
+        error[lane] = if sees { fmax(depth_error, way) } else { f32::INFINITY };
+        back[0][lane] = x;
+        back[1][lane] = y;
+        back[2][lane] = z;
     }
 }
 
@@ -352,9 +408,9 @@ mod tests {
         let mut strip = Strip::empty(30.5);
         (strip.x[17], strip.inverse_depth[17]) = (x, inverse_depth);
         let mut answers = Answers::new();
-        ask(&pair, &strip, &mut answers);
+        ask(&pair, &strip, 1 << 17, &mut answers);
         let mut plain = Answers::new();
-        ask_any(&pair, &strip, &mut plain);
+        ask_any(&pair, &strip, 1 << 17, &mut plain);
         assert_eq!(format!("{answers:?}"), format!("{plain:?}"), "wide vectors change nothing");
         assert_eq!(answers.agreeing() & !(1 << 17), 0, "empty lanes agree with nothing");
         answers
@@ -394,6 +450,24 @@ mod tests {
         assert!(!agrees(50.5, -0.25), "behind the camera");
         let line = view(1.0, Grid::filled(Size::new(80, 1), 4.0), &options);
         assert_eq!(answer(&line, 50.5, 0.25, &options).agreeing(), 0, "one row is no surface");
+    }
+
+    #[test]
+    fn blocks_without_an_open_pixel_are_not_asked() {
+        let options = FuseOptions::default();
+        let (reference, source) = (wall(0.0, 4.0, &options), wall(1.0, 4.0, &options));
+        let pair = Pair::new(&reference, 1, &source, &options);
+        let strip = Strip::of_row(30, 16, &reference.samples.row(30)[16..]);
+        let mut answers = Answers::new();
+        let mut asked = |open| {
+            ask(&pair, &strip, open, &mut answers);
+            (answers.agreeing(), answers.behind.map(|behind| behind > -1.0))
+        };
+        // Pixels left of column 25 are outside of the source view.
+        assert_eq!(asked(u64::MAX).0, u64::MAX << 9);
+        let (agreeing, behind) = asked(1 << 20 | 1 << 63);
+        assert_eq!(agreeing, 0xffff_0000_ffff_0000, "what was answered before is gone");
+        assert_eq!(bits(&behind), agreeing);
     }
 
     #[test]
