@@ -15,9 +15,10 @@
     reason = "one lane of many arrays at a time, as the compiler turns into vectors"
 )]
 
+use crate::lanes::{LANES, Lanes, bits};
 use crate::pair::Pair;
 use crate::photometric::FilteredView;
-use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits};
+use crate::round_trip::{Answers, Strip, ask};
 use crate::wide::widened;
 use crate::{Consistency, FuseOptions};
 

@@ -7,9 +7,10 @@ use vamvs_core::{Pose, Roi};
 
 use crate::bits::BitGrid;
 use crate::consistency::Rule;
+use crate::lanes::{LANES, bits};
 use crate::pair::Pair;
 use crate::photometric::{FilteredView, focal};
-use crate::round_trip::{LANES, Strip, bits};
+use crate::round_trip::Strip;
 use crate::{FuseOptions, ViewReport};
 
 /// The pixels of a view that passed the filters.

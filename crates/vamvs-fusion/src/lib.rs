@@ -28,6 +28,7 @@ mod error;
 mod event;
 mod fuse;
 mod geometric;
+mod lanes;
 mod mean;
 mod merge;
 mod normals;

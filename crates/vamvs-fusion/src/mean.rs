@@ -9,10 +9,11 @@ use nalgebra::{Matrix3, Vector3};
 use vamvs_core::{CloudPoint, Pose, Rgb};
 
 use crate::appearance::{Look, SeenView};
+use crate::lanes::{LANES, Lanes, first_lanes, fmax, fmin, set_bits};
 use crate::packed_normal::PackedNormal;
 use crate::pair::Pair;
 use crate::photometric::focal;
-use crate::round_trip::{Answers, LANES, Lanes, fmax, fmin, set_bits};
+use crate::round_trip::Answers;
 use crate::wide::widened;
 
 /// The least confidence in the weight of a depth.
@@ -127,7 +128,7 @@ impl<'a> Means<'a> {
         let first = y * seen.filtered.size().width;
         let mut chosen = [0; LANES];
         chosen.iter_mut().zip(pixels).for_each(|(chosen, x)| *chosen = (first + x) as u32);
-        let looks = Looks::at(seen, u64::MAX >> (LANES - pixels.len()), &chosen);
+        let looks = Looks::at(seen, first_lanes(pixels.len()), &chosen);
         let (mut depth, mut confidence) = ([1.0; LANES], [0.0; LANES]);
         for (lane, &x) in pixels.iter().enumerate() {
             let [inverse_depth, sure] = seen.filtered.samples.data()[first + x];

@@ -13,10 +13,11 @@ use vamvs_core::Size;
 use crate::FusedPoints;
 use crate::appearance::SeenView;
 use crate::bits::BitGrid;
+use crate::lanes::{LANES, Lanes, bits, first_lanes, set_bits};
 use crate::mean::{Means, Viewpoint};
 use crate::pair::Pair;
 use crate::priority::Ranking;
-use crate::round_trip::{Answers, LANES, Lanes, Strip, ask, bits, inverse_depths_in_source, set_bits};
+use crate::round_trip::{Answers, Strip, ask, inverse_depths_in_source};
 use crate::wide::widened;
 
 /// Number of pixels in a batch, so that the points of a large view take little memory.
@@ -70,7 +71,7 @@ impl Merger<'_> {
             let strip = self.strip(pixels, y);
             means.begin(pixels, y);
             for other in &self.others {
-                ask(&other.pair, &strip, u64::MAX >> (LANES - pixels.len()), answers);
+                ask(&other.pair, &strip, first_lanes(pixels.len()), answers);
                 means.add(&other.pair, other.seen, answers);
             }
             for lane in 0..pixels.len() {

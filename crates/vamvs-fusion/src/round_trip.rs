@@ -9,14 +9,9 @@
     reason = "one lane of many arrays at a time, as the compiler turns into vectors"
 )]
 
+use crate::lanes::{BLOCK, Block, LANES, Lanes, any, bits, block, block_mut, fmax, fmin};
 use crate::pair::Pair;
 use crate::wide::widened;
-
-/// Number of pixels projected at once: one word of [`BitGrid`](crate::bits::BitGrid).
-pub(crate) const LANES: usize = 64;
-
-/// A number for each pixel of a strip.
-pub(crate) type Lanes<T = f32> = [T; LANES];
 
 /// Pixels of one row of the reference view.
 #[derive(Clone, Debug)]
@@ -91,34 +86,11 @@ impl Answers {
     }
 }
 
-/// One bit for each lane.
-pub(crate) fn bits(lanes: &Lanes<bool>) -> u64 {
-    let eight = |lanes: &[bool; 8]| {
-        let bytes = u64::from_le_bytes(lanes.map(u8::from));
-        // Brings the lowest bit of byte i to bit 56 + i.
-        bytes.wrapping_mul(0x0102_0408_1020_4080) >> 56
-    };
-    lanes.as_chunks().0.iter().rev().fold(0, |bits, lanes| bits << 8 | eight(lanes))
-}
-
-/// The lanes whose bits are set.
-pub(crate) fn set_bits(bits: u64) -> impl Iterator<Item = usize> {
-    let first = |bits: u64| (bits != 0).then_some(bits);
-    std::iter::successors(first(bits), move |&bits| first(bits & (bits - 1)))
-        .map(|bits| bits.trailing_zeros() as usize)
-}
-
 widened! {
     /// Computes the answers of the source view of a pair for the pixels of a strip that are `open`, one bit each, and for
     /// others in their [`BLOCK`]s. In blocks without an open pixel the source sees nothing.
     pub(crate) fn ask(pair: &Pair<'_>, strip: &Strip, open: u64, answers: &mut Answers) = ask_any;
 }
-
-/// Number of pixels worked on at once: a vector of AVX-512, two of AVX2.
-const BLOCK: usize = 16;
-
-/// A number for each pixel of a block.
-type Block<T = f32> = [T; BLOCK];
 
 /// Where the pixels of a block are seen in the source view.
 struct Seen {
@@ -142,8 +114,8 @@ fn ask_any(pair: &Pair<'_>, strip: &Strip, open: u64, answers: &mut Answers) {
     for number in 0..LANES / BLOCK {
         let is_open = open >> (number * BLOCK) & ((1 << BLOCK) - 1) != 0;
         if !(is_open && has_surface && ask_block(pair, strip, number, answers)) {
-            answers.error.as_chunks_mut().0[number] = [f32::INFINITY; BLOCK];
-            answers.behind.as_chunks_mut().0[number] = [-1.0; BLOCK];
+            *block_mut(&mut answers.error, number) = [f32::INFINITY; BLOCK];
+            *block_mut(&mut answers.behind, number) = [-1.0; BLOCK];
         }
     }
 }
@@ -162,18 +134,6 @@ fn ask_block(pair: &Pair<'_>, strip: &Strip, number: usize, answers: &mut Answer
     true
 }
 
-/// The numbers of a block.
-#[inline(always)]
-fn block<T>(lanes: &Lanes<T>, number: usize) -> &Block<T> {
-    &lanes.as_chunks().0[number]
-}
-
-/// The same, to be written.
-#[inline(always)]
-fn block_mut<T>(lanes: &mut Lanes<T>, number: usize) -> &mut Block<T> {
-    &mut lanes.as_chunks_mut().0[number]
-}
-
 widened! {
     /// The inverse depths of a strip's points in the source view's camera; not positive behind it.
     pub(crate) fn inverse_depths_in_source(pair: &Pair<'_>, strip: &Strip, found: &mut Lanes) = inverse_depths_any;
@@ -187,15 +147,6 @@ fn inverse_depths_any(pair: &Pair<'_>, strip: &Strip, found: &mut Lanes) {
         let w = strip.inverse_depth[lane];
         found[lane] = w / (m[(2, 0)] * strip.x[lane] + row + o.z * w);
     }
-}
-
-#[inline(always)]
-fn any(lanes: &Block<bool>) -> bool {
-    let mut any = false;
-    for &lane in lanes {
-        any |= lane;
-    }
-    any
 }
 
 #[inline(always)]
@@ -364,16 +315,6 @@ fn whole(coordinate: f32) -> i32 {
     unsafe { coordinate.to_int_unchecked() }
 }
 
-#[inline(always)]
-pub(crate) fn fmin(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-#[inline(always)]
-pub(crate) fn fmax(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -421,13 +362,6 @@ mod tests {
     fn agrees(error: f32, max_reprojection: f32, max_relative_depth: f32) -> bool {
         let options = FuseOptions { max_reprojection, max_relative_depth, ..FuseOptions::default() };
         answer(&wall(1.0, 4.0 * (1.0 + error), &options), 50.5, 0.25, &options).agreeing() != 0
-    }
-
-    #[test]
-    fn lanes_become_bits() {
-        let pattern = 0x8000_0123_4567_89ab_u64;
-        let lanes = std::array::from_fn(|lane| pattern >> lane & 1 == 1);
-        assert_eq!(bits(&lanes), pattern);
     }
 
     #[test]
