@@ -134,7 +134,15 @@ impl Pixel<'_> {
         Judged { energy: total + prior, correlation, best }
     }
 
-    fn is_possible(&self, plane: &Plane) -> bool {
+    /// The energy of a plane that is likely to be seen by the views that match a neighbour best: in these views, if it is
+    /// not much worse there than the neighbour's.
+    pub fn energy_like(&self, plane: &Plane, neighbour: Judged) -> Judged {
+        let judged = self.energy_in(plane, neighbour.best);
+        if judged.energy < neighbour.energy + HOPELESS { judged } else { self.energy(plane, None) }
+    }
+
+    /// Whether a plane is in front of the camera and not too steep.
+    pub fn is_possible(&self, plane: &Plane) -> bool {
         let steepest = STEEPEST * self.step;
         plane.w > 0.0 && plane.gx * plane.gx + plane.gy * plane.gy <= steepest * steepest
     }

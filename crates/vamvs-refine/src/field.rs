@@ -81,11 +81,16 @@ impl Colour<'_> {
 }
 
 impl Field {
+    /// A field without planes.
+    pub fn empty(size: Size) -> Self {
+        let stride = size.width.div_ceil(2);
+        let states = || vec![State::default(); stride * size.height];
+        Self { size, stride, colours: [states(), states()] }
+    }
+
     /// A field whose pixels have the states `state(x, y)`.
     pub fn new(size: Size, state: impl Fn(usize, usize) -> State + Sync) -> Self {
-        let stride = size.width.div_ceil(2);
-        let empty = || vec![State::default(); stride * size.height];
-        let mut field = Self { size, stride, colours: [empty(), empty()] };
+        let mut field = Self::empty(size);
         for colour in 0..2 {
             field.update(colour, |_, x, y, own| *own = state(x, y));
         }

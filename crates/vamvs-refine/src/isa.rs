@@ -65,7 +65,7 @@ macro_rules! for_each_isa {
                 #[cfg(target_arch = "x86_64")]
                 // SAFETY: as above.
                 $crate::isa::Isa::Avx2 => unsafe { avx2($($argument),*) },
-                $crate::isa::Isa::Scalar => $inner::<8>($($argument),*),
+                $crate::isa::Isa::Scalar => $inner::<4>($($argument),*),
             }
         }
     };

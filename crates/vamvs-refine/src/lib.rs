@@ -49,7 +49,7 @@ pub use source::MOST_SOURCES;
 use field::{Field, State};
 use geometry::Geometry;
 use matcher::Matcher;
-use sweep::{Sweep, consider, sweep};
+use sweep::sweep_from;
 
 /// What refining takes for each pixel that is refined at once, bytes: planes, and images of the reference view and its
 /// sources.
@@ -206,8 +206,11 @@ fn refined_again(problem: &Problem<'_>, first: &Surface<'_>, depths: &[Option<&D
     let prior = |x: usize, y: usize| {
         if is_half { solve::parent(&planes, x, y).0.w } else { planes.at(x, y).plane.w }
     };
-    let mut field = if is_half { solve::enlarged(&planes, &matcher) } else { judged(&planes, &matcher) };
-    sweep(&mut field, &matcher, prior, Sweep { steps: 1, settled: false });
+    let mut field = if is_half {
+        solve::enlarged(&planes, &matcher)
+    } else {
+        sweep_from(&matcher, |x, y| planes.at(x, y).plane, |_, _, _| ())
+    };
     finish(&mut field, &matcher);
     let ratio = if is_half { 2 } else { 1 };
     let inside = |at: usize, count: usize| (at / ratio).min(count - 1);
@@ -215,17 +218,6 @@ fn refined_again(problem: &Problem<'_>, first: &Surface<'_>, depths: &[Option<&D
         |x: usize, y: usize| first.map.confidence[(inside(x, found.width), inside(y, found.height))];
     let seed = |x: usize, y: usize| (prior(x, y), confidence(x, y));
     refined::refined((reference.camera, reference.cam_from_world), &field, &matcher, seed)
-}
-
-/// The same planes with their energies evaluated.
-fn judged(planes: &Field, matcher: &Matcher) -> Field {
-    Field::new(planes.size(), |x, y| {
-        let mut state = *planes.at(x, y);
-        if let Some(pixel) = matcher.pixel(x, y, state.plane.w, state.plane.w) {
-            consider(&pixel, state.plane, &mut state);
-        }
-        state
-    })
 }
 
 fn check(reference: &Photo, sources: &[&Photo]) -> Result<(), RefineError> {

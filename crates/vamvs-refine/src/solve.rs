@@ -8,7 +8,7 @@ use crate::matcher::Matcher;
 use crate::plane::Plane;
 use crate::seed::{Guess, Seed};
 use crate::source::{Source, reduced};
-use crate::sweep::{Sweep, consider, sweep};
+use crate::sweep::{Sweep, consider, sweep, sweep_from};
 use crate::{Problem, RefineOptions};
 
 /// Most halvings of the photograph.
@@ -45,9 +45,7 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
     let mut matcher = matcher;
     for level in (last..first).rev() {
         matcher = self::matcher(problem, level);
-        let coarse = field;
-        field = enlarged(&coarse, &matcher);
-        sweep(&mut field, &matcher, |x, y| parent(&coarse, x, y).0.w, Sweep { steps: 1, settled: false });
+        field = enlarged(&field, &matcher);
     }
     (field, guesses, matcher)
 }
@@ -108,19 +106,12 @@ fn seen_below(coarse: &Field, (px, py): (usize, usize), (x, y): (usize, usize)) 
     coarse.at(px, py).plane.doubled(offset(x, px), offset(y, py))
 }
 
-/// The planes at twice the resolution: each pixel takes the best plane of the four nearest coarse pixels.
+/// The planes at twice the resolution: each pixel begins with the best plane of the four nearest coarse pixels.
 pub(crate) fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
     let size = coarse.size();
-    Field::new(matcher.image.size, |x, y| {
+    let own = |x: usize, y: usize| parent(coarse, x, y).0;
+    sweep_from(matcher, own, |pixel, (x, y), state| {
         let (own, (px, py)) = parent(coarse, x, y);
-        let mut state = State::unjudged(own);
-        if own.w <= 0.0 {
-            return State { plane: Plane::default(), ..state };
-        }
-        let Some(pixel) = matcher.pixel(x, y, own.w, own.w) else {
-            return State { plane: Plane::default(), ..state };
-        };
-        consider(&pixel, own, &mut state);
         let beside = |at: usize, parent: usize, count: usize| {
             if at.is_multiple_of(2) { parent.saturating_sub(1) } else { (parent + 1).min(count - 1) }
         };
@@ -128,9 +119,8 @@ pub(crate) fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
         for place in [(qx, py), (px, qy), (qx, qy)] {
             let plane = seen_below(coarse, place, (x, y));
             if plane.w > 0.0 && (plane.w - own.w).abs() > APART * pixel.step {
-                consider(&pixel, plane, &mut state);
+                consider(pixel, plane, state);
             }
         }
-        state
     })
 }

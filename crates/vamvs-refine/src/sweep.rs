@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::energy::Judged;
 use crate::field::{Colour, Field, State};
 use crate::matcher::{Matcher, Pixel};
 use crate::plane::Plane;
@@ -23,6 +24,9 @@ const RADIUS: f32 = 5.0;
 
 /// A Gauss–Newton step is negligible if it is shorter than this over the window, pixels of disparity.
 const NEGLIGIBLE: f32 = 0.03;
+
+/// A shorter Gauss–Newton step is taken without evaluating its energy.
+const SHORT: f32 = 0.1;
 
 /// The longest Gauss–Newton step: of depth, in pixels of disparity, and of the slopes, in pixels of disparity per
 /// pixel.
@@ -56,13 +60,66 @@ pub(crate) fn sweep(
             }
             if let Some(pixel) = matcher.pixel(x, y, state.plane.w, prior(x, y)) {
                 state.settled &= how.settled;
-                propagate(&pixel, other, (x, y), state);
-                from_sources(&pixel, matcher.groups.len(), state);
-                for _ in 0..how.steps {
-                    descend(&pixel, state, matcher.options.noise);
-                }
+                improve(&pixel, other, (x, y), how.steps, state);
             }
         });
+    }
+}
+
+/// Begins with the planes that `own` gives and those that `begin` tries beside them, and sweeps once. The pixel's own plane
+/// is also the prior.
+///
+/// The second colour begins first. When it is the first one's turn, most of its pixels see the same surface as their
+/// neighbours, in the same source views.
+pub(crate) fn sweep_from(
+    matcher: &Matcher,
+    own: impl Fn(usize, usize) -> Plane + Sync,
+    beside: impl Fn(&Pixel, (usize, usize), &mut State) + Sync,
+) -> Field {
+    let pixel = |x: usize, y: usize| {
+        let plane = own(x, y);
+        if plane.w > 0.0 { Some((matcher.pixel(x, y, plane.w, plane.w)?, plane)) } else { None }
+    };
+    let mut field = Field::empty(matcher.image.size);
+    field.update(1, |_, x, y, state| {
+        if let Some((pixel, plane)) = pixel(x, y) {
+            *state = State::new(plane, pixel.energy(&plane, None));
+            beside(&pixel, (x, y), state);
+        }
+    });
+    field.update(0, |other, x, y, state| {
+        if let Some((pixel, plane)) = pixel(x, y) {
+            let judged = match matched_best(other, (x, y)) {
+                Some(neighbour) => pixel.energy_like(&plane, neighbour),
+                None => pixel.energy(&plane, None),
+            };
+            *state = State::new(plane, judged);
+            beside(&pixel, (x, y), state);
+            improve(&pixel, other, (x, y), 1, state);
+        }
+    });
+    field.update(1, |other, x, y, state| {
+        if let Some((pixel, _)) = pixel(x, y) {
+            improve(&pixel, other, (x, y), 1, state);
+        }
+    });
+    field
+}
+
+/// The energy of the adjacent pixel that matches best.
+fn matched_best(other: Colour, place: (usize, usize)) -> Option<Judged> {
+    let neighbours =
+        [(1, 0), (-1, 0), (0, 1), (0, -1)].into_iter().filter_map(|offset| other.neighbour(place, offset));
+    let best = neighbours.min_by(|a, b| a.energy.total_cmp(&b.energy))?;
+    (best.best != 0).then(|| best.judged())
+}
+
+/// One turn of a pixel.
+fn improve(pixel: &Pixel, other: Colour, place: (usize, usize), steps: usize, state: &mut State) {
+    propagate(pixel, other, place, state);
+    from_sources(pixel, pixel.matcher.groups.len(), state);
+    for _ in 0..steps {
+        descend(pixel, state, pixel.matcher.options.noise);
     }
 }
 
@@ -137,6 +194,10 @@ fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
         gy: state.plane.gy + limit(step.z, LONGEST[1]),
     };
     let length = step.x.abs() + RADIUS * (step.y.abs() + step.z.abs());
+    if length < SHORT && pixel.is_possible(&plane) {
+        (state.plane, state.settled) = (plane, true);
+        return;
+    }
     let judged = pixel.energy_in(&plane, state.best);
     let is_better = judged.energy < state.energy;
     if is_better {
