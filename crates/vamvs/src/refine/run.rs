@@ -17,7 +17,7 @@ use crate::photographs::hash_file;
 use crate::{Event, OutputFolder, Pass, VamvsError, geometric};
 
 /// Increased whenever a change gives other depth maps for the same inputs.
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 
 /// What became of a view.
 enum Outcome {
