@@ -1,5 +1,7 @@
 //! Zero-mean normalised cross-correlation of a reference window with a source image.
 
+#[cfg(target_arch = "x86_64")]
+use crate::avx2;
 use crate::isa::for_each_isa;
 use crate::luminance::Quads;
 use crate::sampling::{at_least, sample};
@@ -47,7 +49,7 @@ fn moments<const N: usize>(window: &Window, values: &Texels) -> [f32; 3] {
     #[cfg(target_arch = "x86_64")]
     if N == 8 {
         // SAFETY: vectors have 8 values only where the processor has AVX2.
-        return unsafe { moments_avx2(window, values) };
+        return unsafe { avx2::moments(window, values) };
     }
     let (mut first, mut second, mut product) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for begin in [0, LANES] {
@@ -92,42 +94,6 @@ fn moments_avx512(window: &Window, values: &Texels) -> [f32; 3] {
     let product = _mm512_fmadd_ps(load(&window.centred, LANES), high, product);
     let sum = |halves: __m128| _mm_cvtss_f32(_mm_add_ps(halves, _mm_shuffle_ps::<1>(halves, halves)));
     [sum(halved(first)), sum(halved(second)), sum(halved(product))]
-}
-
-/// The same with AVX2.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-#[inline]
-fn moments_avx2(window: &Window, values: &Texels) -> [f32; 3] {
-    use std::arch::x86_64::{
-        __m256, _mm_add_ps, _mm_cvtss_f32, _mm_movehl_ps, _mm_shuffle_ps, _mm256_add_ps,
-        _mm256_castps256_ps128, _mm256_extractf128_ps, _mm256_fmadd_ps, _mm256_loadu_ps, _mm256_mul_ps,
-    };
-    let load = |values: &Texels, begin: usize| {
-        let part: &[f32; 8] = values[begin..begin + 8].try_into().expect("it has that many");
-        // SAFETY: eight values are read from an array of eight.
-        unsafe { _mm256_loadu_ps(part.as_ptr()) }
-    };
-    // The sum as of `sum_lanes`.
-    let sum = |low: __m256, high: __m256| {
-        let eight = _mm256_add_ps(low, high);
-        let four = _mm_add_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight));
-        let halves = _mm_add_ps(four, _mm_movehl_ps(four, four));
-        _mm_cvtss_f32(_mm_add_ps(halves, _mm_shuffle_ps::<1>(halves, halves)))
-    };
-    let half = |begin: usize| {
-        let (near, far) = (load(values, begin), load(values, begin + LANES));
-        let weighted = [begin, begin + LANES].map(|begin| load(&window.weights, begin));
-        let weighted = [_mm256_mul_ps(weighted[0], near), _mm256_mul_ps(weighted[1], far)];
-        let product = _mm256_mul_ps(load(&window.centred, begin), near);
-        [
-            _mm256_add_ps(weighted[0], weighted[1]),
-            _mm256_fmadd_ps(weighted[1], far, _mm256_mul_ps(weighted[0], near)),
-            _mm256_fmadd_ps(load(&window.centred, begin + LANES), far, product),
-        ]
-    };
-    let (low, high) = (half(0), half(8));
-    [sum(low[0], high[0]), sum(low[1], high[1]), sum(low[2], high[2])]
 }
 
 #[cfg(test)]

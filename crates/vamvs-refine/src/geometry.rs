@@ -60,14 +60,14 @@ impl Geometry {
         let [[scale_x, shift_x], [scale_y, shift_y]] = self.to_map;
         let (u, v) = (u * scale_x + shift_x, v * scale_y + shift_y);
         let (width, height) = (self.inverse.width(), self.inverse.height());
-        let is_inside = (u >= 0.0) & (v >= 0.0) & (u < width as f32) & (v < height as f32);
-        if !is_inside {
+        let inside = u >= 0.0 && v >= 0.0 && u < width as f32 && v < height as f32;
+        if !inside {
             return 0.0;
         }
+        let nearest = || self.inverse[(u as usize, v as usize)];
         let (left, top) = (at_least(u - 0.5, 0.0), at_least(v - 0.5, 0.0));
-        let (x, y) = (whole(left), whole(top));
-        let nearest = || self.inverse[(whole(u), whole(v))];
-        if (x + 1 >= width) | (y + 1 >= height) {
+        let (x, y) = (left as usize, top as usize);
+        if x + 1 >= width || y + 1 >= height {
             return nearest();
         }
         let four = &self.inverse.data()[y * width + x..][..width + 2];
@@ -80,14 +80,6 @@ impl Geometry {
         let (upper, lower) = (a + fx * (b - a), c + fx * (d - c));
         upper + fy * (lower - upper)
     }
-}
-
-/// The integer part of an image coordinate, which is not negative and inside of the image.
-#[inline(always)]
-fn whole(coordinate: f32) -> usize {
-    // SAFETY: images have fewer than 2³¹ columns and rows. The conversion with saturation, `as`, takes several instructions.
-    let whole: i32 = unsafe { coordinate.to_int_unchecked() };
-    whole as usize
 }
 
 impl Geometries {

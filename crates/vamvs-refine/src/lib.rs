@@ -12,6 +12,8 @@
 //!
 //! The crate reads no files and holds no tensors.
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
 mod confidence;
 mod correlation;
 mod descent;
@@ -203,20 +205,17 @@ fn refined_again(problem: &Problem<'_>, first: &Surface<'_>, depths: &[Option<&D
     };
     let matcher = solve::matcher(problem, 0).with_depths(problem.sources.iter().zip(depths).map(of_source));
     let planes = Field::new(found, |x, y| State::unjudged(first.plane(x, y)));
-    let prior = |x: usize, y: usize| {
-        if is_half { solve::parent(&planes, x, y).0.w } else { planes.at(x, y).plane.w }
+    let own = |x: usize, y: usize| {
+        if is_half { solve::parent(&planes, x, y).0 } else { planes.at(x, y).plane }
     };
-    let mut field = if is_half {
-        solve::enlarged(&planes, &matcher)
-    } else {
-        sweep_from(&matcher, |x, y| planes.at(x, y).plane, |_, _, _| ())
-    };
+    let mut field =
+        if is_half { solve::enlarged(&planes, &matcher) } else { sweep_from(&matcher, own, |_, _, _| ()) };
     finish(&mut field, &matcher);
     let ratio = if is_half { 2 } else { 1 };
     let inside = |at: usize, count: usize| (at / ratio).min(count - 1);
     let confidence =
         |x: usize, y: usize| first.map.confidence[(inside(x, found.width), inside(y, found.height))];
-    let seed = |x: usize, y: usize| (prior(x, y), confidence(x, y));
+    let seed = |x: usize, y: usize| (own(x, y).w, confidence(x, y));
     refined::refined((reference.camera, reference.cam_from_world), &field, &matcher, seed)
 }
 

@@ -8,7 +8,7 @@ use crate::matcher::Matcher;
 use crate::plane::Plane;
 use crate::seed::{Guess, Seed};
 use crate::source::{Source, reduced};
-use crate::sweep::{Sweep, consider, sweep, sweep_from};
+use crate::sweep::{consider, sweep, sweep_from};
 use crate::{Problem, RefineOptions};
 
 /// Most halvings of the photograph.
@@ -39,8 +39,8 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
     let guesses = Seed::new(seed).guesses(&matcher.image, &reduced(&problem.reference.camera, first));
     let mut field = search(&matcher, &guesses);
     let prior = |x: usize, y: usize| guesses[(x, y)].trusted();
-    for number in 0..problem.options.sweeps {
-        sweep(&mut field, &matcher, prior, Sweep { steps: 2, settled: number > 0 });
+    for _ in 0..problem.options.sweeps {
+        sweep(&mut field, &matcher, prior);
     }
     let mut matcher = matcher;
     for level in (last..first).rev() {

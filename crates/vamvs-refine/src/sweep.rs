@@ -22,10 +22,8 @@ const SAME: f32 = 0.3;
 /// The radius of the window, pixels.
 const RADIUS: f32 = 5.0;
 
-/// A Gauss–Newton step is negligible if it is shorter than this over the window, pixels of disparity.
-const NEGLIGIBLE: f32 = 0.03;
-
-/// A shorter Gauss–Newton step is taken without evaluating its energy.
+/// A Gauss–Newton step that is shorter than this over the window, pixels of disparity, is taken without evaluating its
+/// energy, and settles the plane.
 const SHORT: f32 = 0.1;
 
 /// The longest Gauss–Newton step: of depth, in pixels of disparity, and of the slopes, in pixels of disparity per
@@ -36,41 +34,26 @@ const LONGEST: [f32; 2] = [1.0, 0.2];
 /// texture.
 const DAMPING: [f32; 2] = [0.1, 4.0];
 
-/// Settings of a sweep.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Sweep {
-    /// Most Gauss–Newton steps per pixel.
-    pub steps: usize,
-    /// Whether planes that have settled before are left alone unless another plane replaces them.
-    pub settled: bool,
-}
-
 /// Improves all planes, those of one colour after those of the other. `prior` gives a pixel's prior inverse depth, 0
-/// for none.
-pub(crate) fn sweep(
-    field: &mut Field,
-    matcher: &Matcher,
-    prior: impl Fn(usize, usize) -> f32 + Sync,
-    how: Sweep,
-) {
+/// for none. Planes that have settled are left alone unless another plane replaces them.
+pub(crate) fn sweep(field: &mut Field, matcher: &Matcher, prior: impl Fn(usize, usize) -> f32 + Sync) {
     for colour in 0..2 {
         field.update(colour, |other, x, y, state| {
             if state.plane.w <= 0.0 {
                 return;
             }
             if let Some(pixel) = matcher.pixel(x, y, state.plane.w, prior(x, y)) {
-                state.settled &= how.settled;
-                improve(&pixel, other, (x, y), how.steps, state);
+                improve(&pixel, other, (x, y), 2, state);
             }
         });
     }
 }
 
-/// Begins with the planes that `own` gives and those that `begin` tries beside them, and sweeps once. The pixel's own plane
-/// is also the prior.
+/// Begins with the planes that `own` gives and those that `beside` tries, and sweeps once, with one Gauss–Newton step.
+/// The pixel's own plane is also the prior.
 ///
-/// The second colour begins first. When it is the first one's turn, most of its pixels see the same surface as their
-/// neighbours, in the same source views.
+/// The second colour begins first. The first one then begins and is swept in one visit, and most of its pixels see the
+/// same surface as their neighbours, in the same source views.
 pub(crate) fn sweep_from(
     matcher: &Matcher,
     own: impl Fn(usize, usize) -> Plane + Sync,
@@ -114,7 +97,7 @@ fn matched_best(other: Colour, place: (usize, usize)) -> Option<Judged> {
     (best.best != 0).then(|| best.judged())
 }
 
-/// One turn of a pixel.
+/// One turn of a pixel, with at most this many Gauss–Newton steps.
 fn improve(pixel: &Pixel, other: Colour, place: (usize, usize), steps: usize, state: &mut State) {
     propagate(pixel, other, place, state);
     from_sources(pixel, pixel.matcher.groups.len(), state);
@@ -203,5 +186,5 @@ fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
     if is_better {
         *state = State::new(plane, judged);
     }
-    state.settled = length < NEGLIGIBLE || !is_better;
+    state.settled = !is_better;
 }
