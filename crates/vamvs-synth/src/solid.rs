@@ -1,7 +1,10 @@
 //! Collision bodies: each mesh is approximated by convex pieces.
 
+use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
+use std::panic::{self, AssertUnwindSafe};
+use std::sync::Once;
 
 use nalgebra::Vector3;
 use rapier3d::math::Vector;
@@ -12,6 +15,9 @@ use crate::Mesh;
 
 /// A mesh that fills more than this share of its convex hull is replaced by the hull.
 const NEARLY_CONVEX: f32 = 0.9;
+
+/// Resolutions of the decomposition's voxels: the first is used, and the others in turn where it fails.
+const RESOLUTIONS: [u32; 3] = [48, 44, 40];
 
 /// Upper limit of a piece's vertices: more make collisions slower, not better.
 const MOST_VERTICES: usize = 400;
@@ -100,13 +106,47 @@ fn volume(points: &[Vector], triangles: &[[u32; 3]]) -> f32 {
     triangles.iter().map(of_triangle).sum()
 }
 
+/// The pieces of the mesh's approximate convex decomposition; none if it fails at all resolutions.
 fn decompose(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Vec<[f32; 3]>> {
-    let parameters =
-        VHACDParameters { concavity: 0.01, resolution: 48, max_convex_hulls: 12, ..Default::default() };
-    let parts = VHACD::decompose(&parameters, points, triangles, true);
-    let hulls = parts.compute_exact_convex_hulls(points, triangles);
-    let pieces = hulls.into_iter().map(|(points, _)| extremes(&points));
+    let hulls = RESOLUTIONS.iter().find_map(|&resolution| hulls(points, triangles, resolution));
+    let pieces = hulls.into_iter().flatten().map(|(points, _)| extremes(&points));
     pieces.filter(|piece| try_convex_hull(piece).is_ok()).map(|piece| arrays(&piece)).collect()
+}
+
+/// The points and triangles of a convex hull.
+type Hull = (Vec<Vector>, Vec<[u32; 3]>);
+
+/// The hulls of the mesh's approximate convex decomposition with so many voxels along its longest side. `None` if
+/// the library panics, as it does for a few meshes at some resolutions (dimforge/parry issue 347).
+fn hulls(points: &[Vector], triangles: &[[u32; 3]], resolution: u32) -> Option<Vec<Hull>> {
+    let parameters =
+        VHACDParameters { concavity: 0.01, resolution, max_convex_hulls: 12, ..Default::default() };
+    caught(|| {
+        let parts = VHACD::decompose(&parameters, points, triangles, true);
+        parts.compute_exact_convex_hulls(points, triangles)
+    })
+}
+
+thread_local! {
+    /// Whether a panic of this thread is expected, and nothing is to be printed of it.
+    static EXPECTED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// What `work` returns; `None`, and no message, if it panics.
+fn caught<T>(work: impl FnOnce() -> T) -> Option<T> {
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let before = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            if !EXPECTED.get() {
+                before(info);
+            }
+        }));
+    });
+    EXPECTED.set(true);
+    let result = panic::catch_unwind(AssertUnwindSafe(work));
+    EXPECTED.set(false);
+    result.ok()
 }
 
 /// At most [`MOST_VERTICES`] points whose hull is nearly the hull of all. It starts with the outermost points
@@ -167,7 +207,11 @@ fn diameter(points: &[Vector]) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
     use super::*;
+    use crate::assets::Assets;
     use crate::primitive::{cuboid, heightfield, lathe, rectangle, sphere};
 
     #[test]
@@ -207,6 +251,16 @@ mod tests {
             let distance = hull.shape().distance_to_local_point(probe, true);
             assert!(distance > 0.02, "a piece comes within {distance} m of the hollow's middle");
         }
+    }
+
+    #[test]
+    fn a_mesh_that_cannot_be_decomposed_at_the_first_resolution_is_at_another() {
+        let mut rng = Pcg64::seed_from_u64(9487094142136816881);
+        let thing = Assets::procedural().thing(&mut rng).unwrap();
+        let mesh = &thing.parts[0].0;
+        let points: Vec<Vector> = mesh.positions.iter().map(|&p| Vector::from(p)).collect();
+        assert!(hulls(&points, &mesh.triangles, RESOLUTIONS[0]).is_none());
+        assert!(thing.solid.pieces.len() > 1);
     }
 
     #[test]
