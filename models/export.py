@@ -125,11 +125,11 @@ def main() -> None:
             arguments.kernel,
         )
     if arguments.like is not None:
-        others = [torch.jit.load(path) for path in arguments.like]
+        others = [torch.jit.load(path, map_location="cpu") for path in arguments.like]
         copy_common(mean(others), module)
         runs = trained_on(others)
         if arguments.flow_like is not None:
-            other = torch.jit.load(arguments.flow_like)
+            other = torch.jit.load(arguments.flow_like, map_location="cpu")
             copy_common(flow(other.state_dict()), module)
             of_flow = [run.removeprefix("the flow: ") for run in trained_on([other])]
             runs += [f"the flow: {run}" for run in of_flow if run not in runs]

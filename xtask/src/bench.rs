@@ -1,4 +1,4 @@
-//! `cargo xtask bench`: runs the benchmarks and prints the time of a depth map by stage.
+//! `cargo xtask bench`: runs the benchmarks and prints the time and speed of a depth map by stage.
 
 use std::process::Stdio;
 
@@ -9,14 +9,20 @@ use crate::step::run;
 use crate::{cargo, setup};
 
 /// Files of the networks that are measured: the paper's, without training, and those that are built in.
-const MODULES: [&str; 4] =
-    ["tests/modules/paper-var.pt", "weights/vis-corr.pt", "weights/vis-max.pt", "weights/photometric.pt"];
+const MODULES: [&str; 6] = [
+    "tests/modules/paper-var.pt",
+    "weights/vis-corr.pt",
+    "weights/vis-max.pt",
+    "weights/vis-var.pt",
+    "weights/var.pt",
+    "weights/photometric.pt",
+];
 
 /// The depth maps that are measured: width and height in pixels, views, planes.
 const SIZES: [[&str; 4]; 2] = [["640", "512", "5", "48"], ["1280", "960", "5", "96"]];
 
-/// Run the benchmarks of geometry, fusion and refinement, and measure the machine, and a depth map's time by stage and peak
-/// memory for each network.
+/// Run the benchmarks of geometry, fusion and refinement, and measure the machine, and a depth map's time and speed by stage
+/// and peak memory for each network.
 ///
 /// Sets up libtorch first, if there is none.
 #[derive(Args)]
@@ -78,8 +84,9 @@ mod tests {
 
     #[test]
     fn the_profile_is_read() {
-        let rows = rows("Encode 0.3 s\nSweep 1.25 s\ntotal 1.55 s, peak 910 MiB\n");
-        let expected = [("encode", "0.3 s"), ("sweep", "1.25 s"), ("total", "1.55 s"), ("peak", "910 MiB")];
+        let rows = rows("Encode 0.3 s 40.1 GFLOP/s\nSweep 1.25 s\ntotal 1.55 s, peak 910 MiB\n");
+        let expected =
+            [("encode", "0.3 s 40.1 GFLOP/s"), ("sweep", "1.25 s"), ("total", "1.55 s"), ("peak", "910 MiB")];
         assert_eq!(rows, expected.map(|(name, value)| (name.to_owned(), value.to_owned())));
     }
 }

@@ -17,6 +17,7 @@ use vamvs_io::atomic;
 
 use crate::step::run;
 use crate::vamvs;
+use networks::Variant;
 use page::Section;
 
 /// Run the paper's experiments on small synthetic sets and write its tables, with the paper's own figures.
@@ -25,9 +26,13 @@ use page::Section;
 /// command continues an interrupted run.
 #[derive(Args)]
 pub struct Paper {
-    /// Tables and figures to make [default: all, and write the page].
+    /// Tables and figures to make [default: all, and write the page; with --full: table1 and figure12].
     #[arg(value_enum, value_name = "WHAT")]
     what: Vec<Experiment>,
+    /// Networks of the paper's width, trained on more scenes and larger crops; also vis-corr. Prints the tables and
+    /// leaves the page.
+    #[arg(long)]
+    full: bool,
     /// Folder for scenes, networks and runs.
     #[arg(long, value_name = "DIR", default_value = "target/paper")]
     out: PathBuf,
@@ -68,9 +73,37 @@ enum Experiment {
     Figure15,
 }
 
+/// How large the networks are and how they are trained.
+struct Regime {
+    name: &'static str,
+    /// Divisor of the paper's number of channels, for all hidden layers (`models/export.py --thin`).
+    thin: &'static str,
+    training: SceneSet,
+    crop: [&'static str; 2],
+    learning_rate: &'static str,
+}
+
+/// The regime of the page.
+const HALF_WIDTH: Regime = Regime {
+    name: "runs",
+    thin: "2",
+    training: SceneSet { name: "training", seed: "1", scenes: 24, size: "256x192" },
+    crop: ["160", "128"],
+    learning_rate: "2e-3",
+};
+/// The regime of `--full`.
+const FULL_WIDTH: Regime = Regime {
+    name: "full",
+    thin: "1",
+    training: SceneSet { scenes: 72, ..HALF_WIDTH.training },
+    crop: ["256", "192"],
+    learning_rate: "1e-3",
+};
+
 /// The settings and the output folder that all experiments share.
 struct Lab<'a> {
     arguments: &'a Paper,
+    regime: &'static Regime,
     /// The output folder, absolute.
     out: PathBuf,
 }
@@ -83,8 +116,6 @@ struct SceneSet {
     size: &'static str,
 }
 
-/// The training set.
-const TRAINING: SceneSet = SceneSet { name: "training", seed: "1", scenes: 24, size: "256x192" };
 /// The hold-out set that accuracy is measured on.
 const HOLD_OUT: SceneSet = SceneSet { name: "hold-out", seed: "1001", scenes: 6, size: "256x192" };
 /// The scene that time, memory and clouds are measured on.
@@ -94,12 +125,16 @@ impl Paper {
     pub fn run(&self) -> Result<()> {
         ensure!(self.steps >= 10, "--steps must be 10 at least, got {}", self.steps);
         std::fs::create_dir_all(&self.out)?;
-        let lab = Lab { arguments: self, out: self.out.canonicalize()? };
-        let all = Experiment::value_variants();
-        let wanted = if self.what.is_empty() { all } else { &self.what };
+        let regime = if self.full { &FULL_WIDTH } else { &HALF_WIDTH };
+        let lab = Lab { arguments: self, regime, out: self.out.canonicalize()? };
+        let wanted = match (self.what.as_slice(), self.full) {
+            ([], false) => Experiment::value_variants(),
+            ([], true) => &[Experiment::Table1, Experiment::Figure12],
+            (what, _) => what,
+        };
         let sections = wanted.iter().map(|&what| lab.section(what)).collect::<Result<Vec<_>>>()?;
         sections.iter().for_each(|section| println!("\n{}", section.markdown()));
-        if self.what.is_empty() {
+        if self.what.is_empty() && !self.full {
             let before = std::fs::read_to_string(&self.page).unwrap_or_default();
             let text = page::markdown(&before, &sections, self.steps);
             atomic::write(&self.page, |out| out.write_all(text.as_bytes()))?;
@@ -132,6 +167,11 @@ impl Lab<'_> {
         command.args(["--scenes", &set.scenes.to_string(), "--seed", set.seed, "--size", set.size]);
         run(&format!("scenes: {}", set.name), command.arg("--out").arg(&folder))?;
         Ok(folder)
+    }
+
+    /// The network to compare with the paper's: vis-corr, whose layers are of one width, in the full regime.
+    fn beside_the_paper(&self) -> Option<Variant> {
+        self.arguments.full.then_some(networks::VIS_CORR)
     }
 
     fn threads(&self) -> String {

@@ -6,12 +6,10 @@ use std::process::Command;
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-use super::{HOLD_OUT, Lab, TRAINING, text};
+use super::{HOLD_OUT, Lab, text};
 use crate::step::{root, run};
 use crate::vamvs;
 
-/// Divisor of the paper's number of channels, for all hidden layers (`models/export.py --thin`).
-pub const THIN: &str = "2";
 /// Number of reference views that are measured.
 pub const REFERENCES: &str = "27";
 
@@ -49,6 +47,7 @@ pub const VAR: Variant = Variant::plain("var");
 pub const VIS_VAR: Variant = Variant::plain("vis-var");
 pub const VIS_AVG: Variant = Variant::plain("vis-avg");
 pub const VIS_MAX: Variant = Variant::plain("vis-max");
+pub const VIS_CORR: Variant = Variant::plain("vis-corr");
 pub const UNSUPERVISED: Variant = Variant {
     train: &["--visibility-weight", "0"],
     ..Variant::changed("vis-var-unsupervised", "vis-var", &[])
@@ -114,19 +113,21 @@ impl Measured {
 impl Lab<'_> {
     /// The file of the trained network; trains the network if there is none.
     pub fn trained(&self, variant: &Variant) -> Result<PathBuf> {
-        let run_folder = self.file(&format!("runs-{}/{}", self.arguments.steps, variant.name));
+        let regime = self.regime;
+        let run_folder = self.file(&format!("{}-{}/{}", regime.name, self.arguments.steps, variant.name));
         let module = run_folder.join("module.pt");
         if module.is_file() {
             return Ok(module);
         }
         let steps = self.arguments.steps;
         let mut command = Command::new(vamvs::binary()?);
-        command.args(["train", "--data", &text(&self.scenes(&TRAINING)?)]);
+        command.args(["train", "--data", &text(&self.scenes(&regime.training)?)]);
         command.args(["--network", &text(&self.untrained(variant)?), "--out", &text(&run_folder)]);
         command.args(["--steps", &steps.to_string(), "--coarse-steps", &(3 * steps / 10).to_string()]);
-        command.args(["--warm-up", &(steps / 20).to_string(), "--batch", "1", "--learning-rate", "2e-3"]);
+        command.args(["--warm-up", &(steps / 20).to_string(), "--batch", "1"]);
+        command.args(["--learning-rate", regime.learning_rate, "--crop", regime.crop[0], regime.crop[1]]);
         command.args(["--freeze-norm-after", &(7 * steps / 10).to_string(), "--views", "3", "3"]);
-        command.args(["--crop", "160", "128", "--max-planes", "48", "--threads", &self.threads()]);
+        command.args(["--max-planes", "48", "--threads", &self.threads()]);
         command.args(["--cross-entropy", "0"]);
         run(&format!("training: {}", variant.name), command.args(variant.train))?;
         Ok(module)
@@ -134,10 +135,11 @@ impl Lab<'_> {
 
     /// The file of the untrained network; exports the network if there is none.
     fn untrained(&self, variant: &Variant) -> Result<PathBuf> {
-        let file = self.file(&format!("{}.untrained.pt", variant.name));
+        let thin = self.regime.thin;
+        let file = self.file(&format!("{}.thin-{thin}.untrained.pt", variant.name));
         if !file.is_file() {
             let mut python = Command::new(&self.arguments.python);
-            python.arg("models/export.py").arg(variant.aggregation).arg(&file).args(["--thin", THIN]);
+            python.arg("models/export.py").arg(variant.aggregation).arg(&file).args(["--thin", thin]);
             let export = python.args(variant.export).current_dir(root());
             run(&format!("export: {}", variant.name), export).context(
                 "models/export.py needs torch: pip install torch==2.11.0, or name another --python",

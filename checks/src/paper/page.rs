@@ -1,7 +1,7 @@
 //! The Markdown page of all tables, docs/paper.md.
 
-use super::networks::{REFERENCES, THIN};
-use super::{HOLD_OUT, LARGE, TRAINING};
+use super::networks::REFERENCES;
+use super::{HALF_WIDTH, HOLD_OUT, LARGE};
 
 /// A table with its title and text.
 pub struct Section {
@@ -35,7 +35,7 @@ pub fn markdown(before: &str, sections: &[Section], steps: usize) -> String {
 fn introduction(steps: usize) -> String {
     format!(
         "Written by `cargo xtask paper`; `cargo xtask paper table1` and so on run one of them.\n\n\
-         Every network here has half the paper's channels (`models/export.py --thin {THIN}`) and was trained for \
+         Every network here has half the paper's channels (`models/export.py --thin {thin}`) and was trained for \
          {steps} steps of one sample: 160×128 pixels, 3 views, 48 planes at most, AdamW; a few minutes on two \
          processor cores, where the paper's trained for days on four GPUs. The scenes are clutter of generated \
          objects, {train} to learn from and {held} to measure on ({TRAINING_SIZE}, 9 views), and one of {large_size} for \
@@ -44,7 +44,8 @@ fn introduction(steps: usize) -> String {
          the shares of pixels whose depth is within d and 3d of the true one, d = 0.375 distances of planes, on \
          {REFERENCES} depth maps; `Invis` counts pixels that some source view does not see, `Fully-vis` those \
          that all see. – stands for figures of the paper that are not at hand.\n",
-        train = TRAINING.scenes,
+        thin = HALF_WIDTH.thin,
+        train = HALF_WIDTH.training.scenes,
         held = HOLD_OUT.scenes,
         TRAINING_SIZE = HOLD_OUT.size.replace('x', "×"),
         large_size = LARGE.size.replace('x', "×"),

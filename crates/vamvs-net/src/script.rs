@@ -218,6 +218,12 @@ impl Network {
         Ok(ChannelCounts { features, coarse: coarse.size()[1] as usize, volume, first_layers, hidden, point })
     }
 
+    /// Whether one pyramid of features serves both stages.
+    #[must_use]
+    pub fn shares_pyramid(&self) -> bool {
+        self.shared_level().is_some()
+    }
+
     /// The level of `encode_flow` that is also used as coarse features, if one pyramid serves both stages.
     pub(crate) fn shared_level(&self) -> Option<usize> {
         let Manifest { aggregation, feature_stride, .. } = self.manifest;

@@ -1,5 +1,7 @@
-//! Prints the time of one depth map, stage by stage, and its peak memory:
+//! Prints the time and the speed of one depth map, stage by stage, and its peak memory:
 //! `profile MODULE WIDTH HEIGHT VIEWS PLANES [COARSE_STRIDE]`.
+
+mod arithmetic;
 
 use nalgebra::Vector3;
 use vamvs_core::{DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Pose, Size, Spacing};
@@ -17,6 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     if arguments.len() > 5 {
         network.set_coarse_stride(number(5)?)?;
     }
+    let operations = arithmetic::operations(&network, size, views, count)?;
     let loaded = peak_mib();
     let options = EstimatorOptions::of(&network);
     let estimator = Estimator::new(network, options)?;
@@ -31,7 +34,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let sources: Vec<_> = encoded[1..].iter().collect();
     estimator.estimate(&encoded[0], &sources, &planes, &mut profile)?;
     for stage in Stage::ALL {
-        println!("{stage:?} {:.3} s", profile.spent(stage).as_secs_f64());
+        let (seconds, operations) = (profile.spent(stage).as_secs_f64(), operations[stage as usize]);
+        let speed = if operations > 0.0 {
+            format!(" {:.1} GFLOP/s", 1e-9 * operations / seconds)
+        } else {
+            String::new()
+        };
+        println!("{stage:?} {seconds:.3} s{speed}");
     }
     let estimated = (estimator.peak_bytes(size, views, count) >> 20) + loaded;
     println!(
