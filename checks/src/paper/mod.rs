@@ -29,8 +29,8 @@ pub struct Paper {
     /// Tables and figures to make [default: all, and write the page; with --full: table1 and figure12].
     #[arg(value_enum, value_name = "WHAT")]
     what: Vec<Experiment>,
-    /// Networks of the paper's width, trained on more scenes and larger crops; also vis-corr. Prints the tables and
-    /// leaves the page.
+    /// Networks of the paper's width, trained on more scenes and larger crops: var, vis-var, vis-max and, beside them,
+    /// vis-corr. Prints the tables and leaves the page as it is.
     #[arg(long)]
     full: bool,
     /// Folder for scenes, networks and runs.
@@ -169,9 +169,10 @@ impl Lab<'_> {
         Ok(folder)
     }
 
-    /// The network to compare with the paper's: vis-corr, whose layers are of one width, in the full regime.
-    fn beside_the_paper(&self) -> Option<Variant> {
-        self.arguments.full.then_some(networks::VIS_CORR)
+    /// The networks of table 1 and figure 12: those of the page, or in the full regime four.
+    fn compared<'v>(&self, of_page: &'v [Variant]) -> &'v [Variant] {
+        const FULL: [Variant; 4] = [networks::VAR, networks::VIS_VAR, networks::VIS_MAX, networks::VIS_CORR];
+        if self.arguments.full { &FULL } else { of_page }
     }
 
     fn threads(&self) -> String {

@@ -34,10 +34,9 @@ fn rows(lab: &Lab, variants: &[(&str, Variant)], views: usize) -> Result<Vec<Vec
 }
 
 pub fn aggregations(lab: &Lab) -> Result<Section> {
-    let mut variants = vec![Variant::plain("avg"), Variant::plain("max"), VAR, VIS_VAR, VIS_AVG, VIS_MAX];
-    variants.extend(lab.beside_the_paper());
+    let six = [Variant::plain("avg"), Variant::plain("max"), VAR, VIS_VAR, VIS_AVG, VIS_MAX];
     let mut rows = Vec::new();
-    for variant in &variants {
+    for variant in lab.compared(&six) {
         let measured = lab.measured(variant, SYNTHETIC_VIEWS)?;
         let (coarse, refined) = (&measured.stages()[0], &measured.last());
         for (stage, scores) in [("coarse", coarse), ("refined", refined)] {
@@ -171,8 +170,6 @@ pub fn regression(lab: &Lab) -> Result<Section> {
 
 pub fn views(lab: &Lab) -> Result<Section> {
     const VIEWS: [usize; 4] = [2, 3, 5, 7];
-    let mut variants = vec![VAR, VIS_VAR, VIS_AVG, VIS_MAX];
-    variants.extend(lab.beside_the_paper());
     let row = |variant: &Variant| -> Result<Vec<String>> {
         let mut cells = vec![variant.name.to_owned()];
         for views in VIEWS {
@@ -187,7 +184,7 @@ pub fn views(lab: &Lab) -> Result<Section> {
                views; var and vis-var get worse from 5 to 7, vis-avg and vis-max keep improving; vis-avg and \
                vis-max fail with 2.",
         head: vec!["", "2 views", "3 views", "5 views", "7 views"],
-        rows: variants.iter().map(row).collect::<Result<_>>()?,
+        rows: lab.compared(&[VAR, VIS_VAR, VIS_AVG, VIS_MAX]).iter().map(row).collect::<Result<_>>()?,
     })
 }
 

@@ -27,7 +27,7 @@ pub fn watch(farewell: &'static str) -> Result<()> {
         let Some(signal) = signals.forever().next() else { return };
         stopping.store(true, Ordering::SeqCst);
         vamvs::io::atomic::end();
-        eprintln!("\n{farewell}");
+        warn!("\n{farewell}");
         // Not `process::exit`: destructors of libtorch would run while its threads still work.
         low_level::exit(SIGNALLED + signal);
     });

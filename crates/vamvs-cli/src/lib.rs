@@ -1,5 +1,8 @@
 //! The `vamvs` command: photographs with known cameras in, one dense, coloured cloud out.
 
+#[macro_use]
+mod output;
+
 mod arguments;
 mod command;
 mod interrupt;
@@ -20,7 +23,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            warn!("error: {error:#}");
             ExitCode::FAILURE
         }
     }

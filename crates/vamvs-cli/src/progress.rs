@@ -52,7 +52,7 @@ impl Progress {
     /// A line about what is done.
     pub fn say(&self, line: &str) {
         if !self.quiet {
-            self.bar.suspend(|| eprintln!("{line}"));
+            self.bar.suspend(|| warn!("{line}"));
         }
     }
 
@@ -65,7 +65,7 @@ impl Progress {
 
     /// A warning.
     pub fn warn(&self, line: &str) {
-        self.bar.suspend(|| eprintln!("warning: {line}"));
+        self.bar.suspend(|| warn!("warning: {line}"));
     }
 
     /// Draws an event. The work always goes on: Ctrl-C ends the process.

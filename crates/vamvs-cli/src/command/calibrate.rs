@@ -98,23 +98,21 @@ impl PhotoSource for Photographs {
 fn tell(calibrations: &[(&str, Calibration)], arguments: &CalibrateArguments) {
     if arguments.json {
         let named = calibrations.iter().map(|(name, calibration)| ((*name).to_owned(), json!(calibration)));
-        println!("{}", serde_json::Value::Object(named.collect()));
+        say!("{}", serde_json::Value::Object(named.collect()));
         return;
     }
     for (name, Calibration { before, after }) in calibrations {
-        println!("{name:>10}  {:>18}  {:>18}", "kept, right before", "kept, right after");
+        say!("{name:>10}  {:>18}  {:>18}", "kept, right before", "kept, right after");
         let rows = before.above_confidences().into_iter().zip(after.above_confidences());
         for (before, after) in rows.step_by(2) {
             let cell = |share: f64, right: f64| format!("{:.1} %, {:.1} %", 100.0 * share, 100.0 * right);
             let cells = [cell(before.share, before.right), cell(after.share, after.right)];
-            println!("{:>10.2}  {:>18}  {:>18}", before.confidence, cells[0], cells[1]);
+            say!("{:>10.2}  {:>18}  {:>18}", before.confidence, cells[0], cells[1]);
         }
         let [off_before, off_after] = [before, after].map(|reliability| 100.0 * reliability.error());
-        println!(
-            "mean calibration error of the confidence: {off_before:.1} % before, {off_after:.1} % after\n"
-        );
+        say!("mean calibration error of the confidence: {off_before:.1} % before, {off_after:.1} % after\n");
     }
-    println!("{}", arguments.out.display());
+    say!("{}", arguments.out.display());
 }
 
 fn draw(calibrations: &[(&str, Calibration)], path: &Path) -> Result<()> {

@@ -26,7 +26,7 @@ pub fn run(DepthCommand { depth: arguments, step }: &DepthCommand) -> Result<()>
     timing.add_depth(&summary);
     timing.say(&progress);
     if arguments.common.json {
-        println!("{}", as_json(&summary));
+        say!("{}", as_json(&summary));
     }
     super::expect_all_views(&arguments.common, &summary.skipped)
 }

@@ -38,9 +38,9 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     progress.finish();
     timing.say(&progress);
     if arguments.common.json {
-        println!("{}", as_json(&fused));
+        say!("{}", as_json(&fused));
     } else {
-        println!("{}", cloud.display());
+        say!("{}", cloud.display());
     }
     super::expect_all_views(&arguments.common, &fused.skipped)
 }

@@ -12,9 +12,9 @@ use crate::arguments::InfoArguments;
 pub fn run(arguments: &InfoArguments) -> Result<()> {
     let facts = facts(&arguments.what)?;
     if arguments.json {
-        println!("{}", Value::Object(facts));
+        say!("{}", Value::Object(facts));
     } else {
-        facts.iter().for_each(|(key, value)| println!("{key}: {}", plain(value)));
+        facts.iter().for_each(|(key, value)| say!("{key}: {}", plain(value)));
     }
     Ok(())
 }

@@ -31,9 +31,9 @@ pub fn run(arguments: &ReconstructArguments) -> Result<()> {
     progress.finish();
     timing.say(&progress);
     if common.json {
-        println!("{}", json!({"depth": depth::as_json(&maps), "fusion": fuse::as_json(&fused)}));
+        say!("{}", json!({"depth": depth::as_json(&maps), "fusion": fuse::as_json(&fused)}));
     } else {
-        println!("{}", folder.cloud().display());
+        say!("{}", folder.cloud().display());
     }
     super::expect_all_views(common, &fused.skipped)
 }

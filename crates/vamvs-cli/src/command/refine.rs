@@ -45,9 +45,9 @@ pub fn run(arguments: &RefineArguments) -> Result<()> {
     progress.finish();
     say(&summary, &progress);
     if arguments.common.json {
-        println!("{}", as_json(&summary));
+        say!("{}", as_json(&summary));
     } else {
-        println!("{}", output.root().display());
+        say!("{}", output.root().display());
     }
     super::expect_all_views(&arguments.common, &summary.skipped)
 }

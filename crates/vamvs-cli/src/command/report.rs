@@ -18,7 +18,7 @@ pub fn run(arguments: &ReportArguments) -> Result<()> {
     let maps = Maps::open(&arguments.out, Masks::None, &mut show)?.readable(&mut show)?;
     let path = report::write(&maps, &mut show);
     progress.finish();
-    println!("{}", path?.display());
+    say!("{}", path?.display());
     Ok(())
 }
 

@@ -25,9 +25,9 @@ pub fn run(arguments: &SynthArguments) -> Result<()> {
     let made = made?;
     report.progress.say(&format!("{} scenes made, {} were there", made.made, made.kept));
     if arguments.general.json {
-        println!("{}", json!({"made": made.made, "kept": made.kept, "scenes": report.scenes}));
+        say!("{}", json!({"made": made.made, "kept": made.kept, "scenes": report.scenes}));
     } else {
-        println!("{}", out.display());
+        say!("{}", out.display());
     }
     Ok(())
 }

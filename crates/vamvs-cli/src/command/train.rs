@@ -36,7 +36,7 @@ pub fn run(arguments: &TrainArguments) -> Result<()> {
     report.progress.finish();
     trained?;
     if !arguments.json {
-        println!("{}", module(&arguments.out).display());
+        say!("{}", module(&arguments.out).display());
     }
     Ok(())
 }
@@ -93,7 +93,7 @@ struct Report {
 impl Report {
     fn show(&mut self, event: &TrainEvent) {
         if self.json {
-            println!("{}", serde_json::to_string(event).expect("events are plain data"));
+            say!("{}", serde_json::to_string(event).expect("events are plain data"));
         }
         match event {
             TrainEvent::Begun { scenes, step, steps } => {

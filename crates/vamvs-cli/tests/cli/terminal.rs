@@ -95,6 +95,38 @@ fn a_pipe_gets_plain_lines_a_table_of_times_and_no_codes() {
 }
 
 #[test]
+fn a_run_goes_on_when_nobody_reads_what_it_prints() {
+    let scene = Scene::new(96, 64, 3);
+    let folder = true_maps(&scene);
+    let closed = || {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        writer
+    };
+    let status = vamvs()
+        .arg("fuse")
+        .arg(folder.root())
+        .arg("--json")
+        .stdout(closed())
+        .stderr(closed())
+        .status()
+        .unwrap();
+    assert!(status.success(), "{status}");
+    assert!(folder.cloud().is_file());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_result_that_cannot_be_printed_is_a_failure() {
+    let scene = Scene::new(96, 64, 3);
+    let folder = true_maps(&scene);
+    let full = std::fs::File::create("/dev/full").unwrap();
+    let output = vamvs().arg("fuse").arg(folder.root()).stdout(full).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("cannot write to standard output"), "{}", stderr(&output));
+}
+
+#[test]
 fn no_colour_where_none_is_wanted() {
     let help = |variable: &str| {
         let output = vamvs().arg("--help").env("CLICOLOR_FORCE", "1").env(variable, "1").output().unwrap();

@@ -19,7 +19,7 @@ pub fn run(arguments: &EvalCloudArguments) -> Result<()> {
     begin(&arguments.general)?;
     let scores = protocol(arguments)?.scores(&arguments.cloud, &arguments.ground_truth)?;
     if arguments.general.json {
-        println!("{}", json!(scores));
+        say!("{}", json!(scores));
         return Ok(());
     }
     match &scores {
@@ -80,7 +80,7 @@ fn crop_volume(tnt::Volume { axis, span, outline }: tnt::Volume) -> CropVolume {
 }
 
 fn print_dtu(scores: &DtuScores) {
-    println!("{} points of the cloud after thinning", scores.thinned);
+    say!("{} points of the cloud after thinning", scores.thinned);
     let mut table = Table::new(&["mm", "mean", "median", "points"]);
     spread_row(&mut table, "accuracy", &scores.accuracy);
     spread_row(&mut table, "completeness", &scores.completeness);
@@ -89,10 +89,7 @@ fn print_dtu(scores: &DtuScores) {
 }
 
 fn print_tnt(scores: &TntScores) {
-    println!(
-        "{} points of the cloud, {} of the ground truth",
-        scores.cloud_points, scores.ground_truth_points
-    );
+    say!("{} points of the cloud, {} of the ground truth", scores.cloud_points, scores.ground_truth_points);
     print_agreement(&[scores.agreement]);
 }
 

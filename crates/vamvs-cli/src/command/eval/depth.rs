@@ -17,7 +17,7 @@ pub fn run(arguments: &EvalDepthArguments) -> Result<()> {
     let mean = mean_over_scenes(&scenes.iter().map(|(_, errors)| errors).collect::<Vec<_>>());
     if arguments.general.json {
         let by_name = |(name, errors): &(String, SceneErrors)| json!({"scene": name, "errors": errors});
-        println!("{}", json!({"scenes": scenes.iter().map(by_name).collect::<Vec<_>>(), "mean": mean}));
+        say!("{}", json!({"scenes": scenes.iter().map(by_name).collect::<Vec<_>>(), "mean": mean}));
         return Ok(());
     }
     let mut table = Table::of_depth(&scenes[0].1.total[0]);

@@ -47,7 +47,7 @@ pub fn run(arguments: &EvalNetworkArguments) -> Result<()> {
         }
     }
     if arguments.general.json {
-        println!("{}", serde_json::to_string(&all)?);
+        say!("{}", serde_json::to_string(&all)?);
     } else {
         table(&all).print();
     }

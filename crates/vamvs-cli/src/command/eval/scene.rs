@@ -26,7 +26,7 @@ pub fn run(arguments: &EvalSceneArguments) -> Result<()> {
     evaluation.page()?.save(&html)?;
     let scores = &evaluation.scores;
     if general.json {
-        println!("{}", json!({"depth": scores.depth, "cloud": scores.cloud, "page": html}));
+        say!("{}", json!({"depth": scores.depth, "cloud": scores.cloud, "page": html}));
         return Ok(());
     }
     let mut table = Table::of_depth(&scores.depth.total[0]);
@@ -34,9 +34,9 @@ pub fn run(arguments: &EvalSceneArguments) -> Result<()> {
     table.depth_rows("all views", &scores.depth.total);
     table.print();
     if let Some(errors) = &scores.cloud {
-        println!();
+        say!("");
         cloud::print_errors(errors);
     }
-    println!("\n{}", html.display());
+    say!("\n{}", html.display());
     Ok(())
 }
