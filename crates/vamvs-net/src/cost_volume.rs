@@ -218,7 +218,7 @@ impl Sweep<'_> {
     /// vis-corr: the mean over the source views of their correlations with the reference view, weighted by their
     /// visibility.
     fn correlate(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
-        if native::correlates(self.network, &self.reference.flow) {
+        if native::correlates(self.network, &self.reference.coarse) {
             return self.correlate_natively(seen);
         }
         let mut reducer = self.network.manifest().aggregation.reducer();

@@ -161,6 +161,17 @@ impl EncodedView {
         Ok((view, outer))
     }
 
+    /// Frees the features that only the flow needs.
+    pub(crate) fn keep_coarse(&mut self) -> Result<(), TchError> {
+        for level in &mut self.flow {
+            if self.coarse.iter().all(|coarse| coarse.data_ptr() != level.data_ptr()) {
+                let (_, _, height, width) = level.size4()?;
+                *level = level.f_new_empty([1, 0, height, width], (level.kind(), level.device()))?;
+            }
+        }
+        Ok(())
+    }
+
     /// Memory of the features and of the reduced photographs, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use crate::depth_completion::Completion;
 use serde::{Deserialize, Serialize};
 use tch::{TchError, Tensor};
-use vamvs_core::{DepthMap, Grid, MonotoneMap, Pinhole, Planes, Rgb, Size};
+use vamvs_core::{DepthMap, Grid, MonotoneMap, Photo, Pinhole, Planes, Rgb, Size};
 
 use crate::coarse::{PlaneMap, soft_argmin, where_unsure};
 use crate::cost_volume::{self, Costs, SweepInputs};
@@ -184,6 +184,19 @@ impl Estimator {
         &mut self.options
     }
 
+    /// Encodes a photograph, without the features that only a flow needs if there are no iterations. Later iterations
+    /// need the views encoded anew.
+    ///
+    /// # Errors
+    /// As [`Network::encode`].
+    pub fn encode(&self, photo: &Photo) -> Result<EncodedView, NetError> {
+        let mut view = self.network.encode(photo)?;
+        if self.options.iterations.is_empty() {
+            view.keep_coarse()?;
+        }
+        Ok(view)
+    }
+
     /// Estimates the peak memory of a depth map from `views` photographs of `size` pixels with `planes` planes, bytes.
     /// The features of the photographs are included, the loaded network is not.
     ///
@@ -197,7 +210,11 @@ impl Estimator {
         let at = |stride: usize| size.width.div_ceil(stride) * size.height.div_ceil(stride) * enlarge.pow(2);
         let (blocks, pixels) = (at(LARGEST_STRIDE), at(self.network.manifest().feature_stride));
         let wide = if enlarge > 1 { blocks / 4 * channels.coarse } else { 0 };
-        let features = views * (blocks * (channels.features * value + PHOTOGRAPHS) + wide * value);
+        let kept = match self.options.iterations.is_empty() {
+            true => channels.coarse * pixels,
+            false => channels.features * blocks,
+        };
+        let features = views * ((kept + wide) * value + blocks * PHOTOGRAPHS);
         let encoding = ENCODING * size.area() * enlarge.pow(2);
         let hypotheses = 2 * self.network.manifest().hypotheses + 1;
         let points = self.options.strip_points.min(pixels * hypotheses);

@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut profile = Profile::default();
     let encoded = profile.time(Stage::Encode, || {
         vamvs_net::tch::no_grad(|| {
-            photos.iter().map(|photo| estimator.network().encode(photo)).collect::<Result<Vec<_>, _>>()
+            photos.iter().map(|photo| estimator.encode(photo)).collect::<Result<Vec<_>, _>>()
         })
     })?;
     let sources: Vec<_> = encoded[1..].iter().collect();

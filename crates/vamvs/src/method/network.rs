@@ -112,7 +112,7 @@ impl NetworkMethod {
         photo: &vamvs_core::Photo,
         clock: &mut Clock,
     ) -> Result<Features, VamvsError> {
-        let encode = || no_grad(|| self.estimator.network().encode(photo));
+        let encode = || no_grad(|| self.estimator.encode(photo));
         Ok(Features::Network(Box::new(clock.profile.time(Stage::Encode, encode)?)))
     }
 
