@@ -13,18 +13,25 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from layers import Conv2d, Conv3d, Deconv3d
+from layers import Conv2d, Conv3d, Deconv3d, conv3d
 from va_point_mvsnet import POSITION_CHANNELS, FlowNet, padded
 
 GROUP = 4  # channels in a group
 HALF, QUARTER, EIGHTH = 16, 32, 32  # channels of the features at 1/2, 1/4, 1/8
 STRIDES = (4, 8)  # strides of the coarse features
-SLAB = 16  # planes that go through the last layers at once
+SLAB = 16  # planes that go through the first and the last layers at once
 
 
 def enlarged(x: Tensor) -> Tensor:
     """Bilinear upsampling by 2 that keeps the positions of pixel centres."""
     return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+
+
+def normalised(images: Tensor) -> Tensor:
+    """Each image with zero mean and unit standard deviation, channels last."""
+    mean = images.mean(dim=(1, 2, 3), keepdim=True)
+    deviation = images.std(dim=(1, 2, 3), keepdim=True)
+    return ((images - mean) / (deviation + 1e-3)).contiguous(memory_format=torch.channels_last)
 
 
 class Even(nn.Module):
@@ -61,10 +68,18 @@ class Pyramid(nn.Module):
         self.out1 = nn.Conv2d(HALF, HALF, 3, padding=1, bias=False)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        mean = images.mean(dim=(1, 2, 3), keepdim=True)
-        deviation = images.std(dim=(1, 2, 3), keepdim=True)
-        images = ((images - mean) / (deviation + 1e-3)).contiguous(memory_format=torch.channels_last)
-        half = self.down1(images)
+        half = self.down1(normalised(images))
+        quarter, eighth = self.coarser(half)
+        half = enlarged(self.up1(quarter)) + self.side1(half)
+        return self.out1(half), self.out2(quarter), self.out3(eighth)
+
+    def one(self, images: Tensor, stride: int) -> Tensor:
+        """The features at 1/4 or 1/8 alone."""
+        quarter, eighth = self.coarser(self.down1(normalised(images)))
+        return self.out2(quarter) if stride == 4 else self.out3(eighth)
+
+    def coarser(self, half: Tensor) -> tuple[Tensor, Tensor]:
+        """From the first level at 1/2 to the features at 1/4 and 1/8, before their last convolutions."""
         quarter = self.down2(half)
         eighth = self.down3(quarter)
         sixteenth = self.down4(eighth)
@@ -72,9 +87,7 @@ class Pyramid(nn.Module):
         sixteenth = F.relu(sixteenth + far[:, :, : sixteenth.shape[2], : sixteenth.shape[3]])
         wide = enlarged(self.up3(sixteenth))[:, :, : eighth.shape[2], : eighth.shape[3]]
         eighth = wide + self.side3(eighth)
-        quarter = enlarged(self.up2(eighth)) + self.side2(quarter)
-        half = enlarged(self.up1(quarter)) + self.side1(half)
-        return self.out1(half), self.out2(quarter), self.out3(eighth)
+        return enlarged(self.up2(eighth)) + self.side2(quarter), eighth
 
 
 def planes_of(volume: Tensor, first: int, end: int) -> Tensor:
@@ -132,7 +145,7 @@ class SmallVolumeNet(nn.Module):
         planes = planes_of(volume, max(first - 1, 0), end)
         if first == 0:
             planes = F.pad(planes, [0, 0, 0, 0, 1, 0])
-        return F.conv3d(planes, weight, shift, 2, [0, 1, 1]).relu_()
+        return conv3d(planes, weight, shift, 2, [0, 1, 1]).relu_()
 
     def beside(self, volume: Tensor) -> Tensor:
         """The skip connection at full resolution, before its ReLU: the 1×1×1 convolution `same` as a matrix product,
@@ -148,9 +161,10 @@ class SmallVolumeNet(nn.Module):
         # Plane p of the upsampled volume is computed from plane p/2 or, if p is odd, (p − 1)/2 and (p + 1)/2.
         low_half, high_half = low // 2, min(high // 2 + 1, planes // 2)
         up = self.up1(half[:, :, low_half:high_half])[:, :, low - 2 * low_half : high - 2 * low_half]
-        full = up + F.relu(self.beside(planes_of(volume, low, high)))
-        full = F.pad(full, [0, 0, 0, 0, 1 if first == 0 else 0, 1 if end == planes else 0])
-        return F.conv3d(full, self.last.weight, None, 1, [0, 1, 1])
+        full = up + self.beside(planes_of(volume, low, high)).relu_()
+        if first == 0 or end == planes:
+            full = F.pad(full, [0, 0, 0, 0, 1 if first == 0 else 0, 1 if end == planes else 0])
+        return conv3d(full, self.last.weight, None, 1, [0, 1, 1])
 
 
 class VisCorr(nn.Module):
@@ -171,6 +185,7 @@ class VisCorr(nn.Module):
                 "group": GROUP,
                 "feature_stride": stride,
                 "coarse_stride": stride,
+                "coarse_alone": True,
                 "window": 2,
                 "neighbours": 16,
                 "hypotheses": 2,
@@ -199,7 +214,7 @@ class VisCorr(nn.Module):
 
     @torch.jit.export
     def encode_coarse(self, images: Tensor) -> Tensor:
-        raise RuntimeError("vis-corr has one pyramid: encode_flow gives the coarse features too")
+        return self.pyramid.one(images, self.stride)
 
     @torch.jit.export
     def encode_flow(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -146,6 +146,26 @@ fn of_a_peak_features_are_counted_and_smaller_pieces_take_less() {
 }
 
 #[test]
+fn without_a_flow_the_coarse_features_alone_give_the_same_depth() {
+    let views = fixtures::still_life(Size::new(107, 85), 3);
+    let planes = planes(&views[0], 24);
+    for name in ["vis-var", "vis-max", "weights/vis-corr"] {
+        let mut estimator = estimator(name);
+        estimator.options_mut().iterations.clear();
+        let depth = |encode: &dyn Fn(&Photo) -> EncodedView| {
+            let encoded: Vec<_> = tch::no_grad(|| views.iter().map(|view| encode(&view.photo)).collect());
+            let sources: Vec<_> = encoded[1..].iter().collect();
+            let map = estimator.estimate(&encoded[0], &sources, &planes, &mut Profile::default()).unwrap();
+            (map, encoded[0].bytes())
+        };
+        let (all, with_flow) = depth(&|photo| estimator.network().encode(photo).unwrap());
+        let (coarse, without) = depth(&|photo| estimator.encode(photo).unwrap());
+        assert_eq!(all.depth, coarse.depth, "{name}");
+        assert!(without < with_flow, "{name}: {without} and {with_flow} bytes");
+    }
+}
+
+#[test]
 fn the_order_of_source_views_does_not_matter() {
     let views = fixtures::still_life(Size::new(96, 64), 4);
     for name in of_each_aggregation() {

@@ -56,6 +56,11 @@ impl Network {
     /// # Errors
     /// If the photograph is smaller, the module breaks its contract, or memory runs out.
     pub fn encode(&self, photo: &Photo) -> Result<EncodedView, NetError> {
+        self.encode_for(photo, true)
+    }
+
+    /// As [`Network::encode`]; without the features that only the flow needs unless `flow`.
+    pub(crate) fn encode_for(&self, photo: &Photo, flow: bool) -> Result<EncodedView, NetError> {
         let size = photo.camera.size;
         if size.width < 32 || size.height < 32 {
             return Err(NetError::Request(format!(
@@ -65,15 +70,15 @@ impl Network {
         let enlarge = self.enlarge();
         let image = image_tensor(photo)?.f_to_device(self.device())?;
         let large = enlarged(&image, enlarge)?;
-        let mut flow = self.encode_flow(&large)?;
-        let runs_layers = native::runs_layers(self, &flow);
-        if native::correlates(self, &flow) || runs_layers {
-            for level in &mut flow {
+        let mut levels = if flow { self.encode_flow(&large)? } else { self.without_flow(&large)? };
+        let runs_layers = native::runs_layers(self, &levels);
+        if native::correlates(self, &levels) || runs_layers {
+            for level in &mut levels {
                 *level = native::channels_last(level)?;
             }
         }
         let mut coarse = vec![match self.shared_level() {
-            Some(level) => flow[level].shallow_clone(),
+            Some(level) => levels[level].shallow_clone(),
             None => self.encode_coarse(&large)?,
         }];
         if enlarge > 1 {
@@ -92,9 +97,28 @@ impl Network {
             padded: Size::new(width as usize, height as usize),
             stride: self.manifest().feature_stride,
             coarse,
-            flow,
+            flow: levels,
             photographs: photographs(&large)?,
         })
+    }
+
+    /// Levels of features as the coarse stage alone needs them: the one that serves both stages, if there is one. The
+    /// others have no channels.
+    fn without_flow(&self, image: &Tensor) -> Result<[Tensor; 3], NetError> {
+        let (_, _, height, width) = image.size4()?;
+        let none = |scale: usize| {
+            let [height, width] = [height, width].map(|side| side / scale as i64);
+            image.f_new_empty([1, 0, height, width], (image.kind(), image.device()))
+        };
+        let [half, quarter, eighth] = FLOW_SCALES;
+        let mut levels = [none(half)?, none(quarter)?, none(eighth)?];
+        if let Some(shared) = self.shared_level() {
+            levels[shared] = match self.manifest().coarse_alone {
+                true => self.encode_coarse(image)?,
+                false => self.encode_flow(image)?[shared].shallow_clone(),
+            };
+        }
+        Ok(levels)
     }
 }
 
@@ -159,17 +183,6 @@ impl EncodedView {
             }),
         };
         Ok((view, outer))
-    }
-
-    /// Frees the features that only the flow needs.
-    pub(crate) fn keep_coarse(&mut self) -> Result<(), TchError> {
-        for level in &mut self.flow {
-            if self.coarse.iter().all(|coarse| coarse.data_ptr() != level.data_ptr()) {
-                let (_, _, height, width) = level.size4()?;
-                *level = level.f_new_empty([1, 0, height, width], (level.kind(), level.device()))?;
-            }
-        }
-        Ok(())
     }
 
     /// Memory of the features and of the reduced photographs, bytes.

@@ -56,11 +56,15 @@ const SLABS_OF_WHOLE: usize = 2;
 /// full resolution.
 const VOLUMES: usize = 4;
 
-/// As `VOLUMES`, for a volume of correlations, whose layers at full resolution run on a few planes at a time.
-const CORRELATIONS: usize = 3;
+/// As `VOLUMES`, in tenths, for a volume of correlations, whose layers at full resolution run on a few planes at a time.
+const TENTHS_OF_CORRELATIONS: usize = 18;
+
+/// The planes that these layers run on, with a halo, and the number of copies of them.
+const CORRELATED_PLANES: usize = 18;
+const CORRELATED: usize = 4;
 
 /// What libtorch keeps apart from tensors for the layers on a volume of correlations, in addition to `WORKSPACE`, bytes.
-const CORRELATION_WORKSPACE: usize = 110 << 20;
+const CORRELATION_WORKSPACE: usize = 20 << 20;
 
 /// What the threads of the kernels that relate pairs keep, and what is not returned between their tensors, bytes.
 const KERNELS: usize = 44 << 20;
@@ -190,11 +194,7 @@ impl Estimator {
     /// # Errors
     /// As [`Network::encode`].
     pub fn encode(&self, photo: &Photo) -> Result<EncodedView, NetError> {
-        let mut view = self.network.encode(photo)?;
-        if self.options.iterations.is_empty() {
-            view.keep_coarse()?;
-        }
-        Ok(view)
+        self.network.encode_for(photo, !self.options.iterations.is_empty())
     }
 
     /// Estimates the peak memory of a depth map from `views` photographs of `size` pixels with `planes` planes, bytes.
@@ -210,14 +210,12 @@ impl Estimator {
         let at = |stride: usize| size.width.div_ceil(stride) * size.height.div_ceil(stride) * enlarge.pow(2);
         let (blocks, pixels) = (at(LARGEST_STRIDE), at(self.network.manifest().feature_stride));
         let wide = if enlarge > 1 { blocks / 4 * channels.coarse } else { 0 };
-        let kept = match self.options.iterations.is_empty() {
-            true => channels.coarse * pixels,
-            false => channels.features * blocks,
-        };
+        let flows = !self.options.iterations.is_empty();
+        let kept = if flows { channels.features * blocks } else { channels.coarse * pixels };
         let features = views * ((kept + wide) * value + blocks * PHOTOGRAPHS);
         let encoding = ENCODING * size.area() * enlarge.pow(2);
         let hypotheses = 2 * self.network.manifest().hypotheses + 1;
-        let points = self.options.strip_points.min(pixels * hypotheses);
+        let points = if flows { self.options.strip_points.min(pixels * hypotheses) } else { 0 };
         let flow = POINTS * points * channels.point * value;
         WORKSPACE + features + encoding.max(self.coarse_bytes(pixels, views, planes)).max(flow)
     }
@@ -227,7 +225,8 @@ impl Estimator {
         let (channels, value) = (self.network.channel_counts(), size_of::<f32>());
         let volume = channels.volume * planes * pixels * value;
         if self.network.manifest().aggregation.correlates() {
-            return CORRELATION_WORKSPACE + CORRELATIONS * volume;
+            let slab = CORRELATED_PLANES * volume / planes.max(1);
+            return CORRELATION_WORKSPACE + TENTHS_OF_CORRELATIONS * volume / 10 + CORRELATED * slab;
         }
         let plane = channels.coarse * pixels * value;
         let slab = self.options.slab_bytes.clamp(plane, planes * plane);

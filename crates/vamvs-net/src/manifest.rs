@@ -36,6 +36,9 @@ pub struct Manifest {
     /// Whether the module has `layers`, which gives the layers that kernels run on the CPU.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub layers: bool,
+    /// vis-corr: whether `encode_coarse` gives the coarse features without the other levels of the pyramid.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub coarse_alone: bool,
     /// vis-avg, vis-max: this many of the last channels of `relate` are averaged over the source views, whatever the
     /// aggregation of the others; not in the paper.
     #[serde(default, skip_serializing_if = "is_zero")]

@@ -206,6 +206,10 @@ impl Network {
             Some(level) => levels[level].shallow_clone(),
             None => self.encode_coarse(&image)?,
         };
+        if self.manifest.coarse_alone {
+            let shape: Vec<_> = coarse.size().into_iter().map(Some).collect();
+            self.check("encode_coarse", &self.encode_coarse(&image)?, &shape)?;
+        }
         let (volume, first_layers) = self.probe_volume(&coarse)?;
         let point = self.probe_flow(&levels)?;
         let hidden = match self.manifest.layers {
@@ -334,12 +338,12 @@ impl Network {
         Err(NetError::Manifest { module: self.name.clone(), problem })
     }
 
-    /// (N, 3, H, W) in [0, 1] → (N, C, H/8, W/8).
+    /// (N, 3, H, W) in [0, 1] → (N, C, H/s, W/s) at the stride s of the coarse features, 8 or, for vis-corr, also 4.
     pub(crate) fn encode_coarse(&self, images: &Tensor) -> Result<Tensor, NetError> {
         let (n, _, h, w) = images.size4()?;
-        let expected = "(images (N, 3, H, W)) → (N, C, H/8, W/8)";
+        let expected = "(images (N, 3, H, W)) → (N, C, H/s, W/s)";
         let features = self.call("encode_coarse", expected, &[images])?;
-        let scale = LARGEST_STRIDE as i64;
+        let scale = self.manifest.feature_stride as i64;
         self.check("encode_coarse", &features, &[Some(n), None, Some(h / scale), Some(w / scale)])?;
         Ok(features)
     }

@@ -30,7 +30,7 @@ const GROUPS: [usize; 2] = [4, 8];
 /// and have a supported number of groups.
 pub(crate) fn correlates(network: &Network, features: &[Tensor]) -> bool {
     let Manifest { aggregation, group, .. } = network.manifest();
-    let fits = |level: &Tensor| GROUPS.contains(&(level.size()[1] as usize / group));
+    let fits = |level: &Tensor| level.numel() == 0 || GROUPS.contains(&(level.size()[1] as usize / group));
     *aggregation == Aggregation::VisCorr && readable(features) && features.iter().all(fits)
 }
 
