@@ -120,7 +120,7 @@ fn a_run_goes_on_when_nobody_reads_what_it_prints() {
 fn a_result_that_cannot_be_printed_is_a_failure() {
     let scene = Scene::new(96, 64, 3);
     let folder = true_maps(&scene);
-    let full = std::fs::File::create("/dev/full").unwrap();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
     let output = vamvs().arg("fuse").arg(folder.root()).stdout(full).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("cannot write to standard output"), "{}", stderr(&output));
