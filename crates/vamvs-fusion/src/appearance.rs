@@ -1,6 +1,5 @@
 //! How a view shows its surfaces: colours, normals, and which pixels are at an edge.
 
-use nalgebra::Matrix3;
 use rayon::prelude::*;
 use vamvs_core::{Grid, Rgb};
 
@@ -17,9 +16,9 @@ pub(crate) struct SeenView {
 }
 
 /// What a pixel shows of a surface.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Look {
-    /// Normal in the world's frame.
+    /// Normal in the world's frame; none where there is no depth.
     pub normal: PackedNormal,
     pub colour: Rgb,
     /// Whether the whole 5×5 window lies on one surface. If not, the colour may be that of what is
@@ -34,16 +33,21 @@ impl SeenView {
         source: &S,
         options: &FuseOptions,
     ) -> Result<Self, FuseError> {
+        // First the normals, which take the most room until they are packed.
+        let normals = source.load_normals(view).map_err(FuseError::loading(view))?.map(packed);
         let filtered = FilteredView::load(view, source, options)?;
         let size = filtered.size();
-        let mut seen = Self { filtered, look: Grid::filled(size, Look::default()) };
-        let normals = source.load_normals(view).map_err(FuseError::loading(view))?;
-        expect_sizes(view, size, &[("a map of normals", normals.as_ref().map(Grid::size))])?;
-        seen.find_normals(normals.as_ref());
-        drop(normals);
         let colours = source.load_colour(view, size).map_err(FuseError::loading(view))?;
-        expect_sizes(view, size, &[("a colour image", Some(colours.size()))])?;
-        seen.look.data_mut().iter_mut().zip(colours.data()).for_each(|(look, colour)| look.colour = *colour);
+        let parts = [
+            ("a map of normals", normals.as_ref().map(Grid::size)),
+            ("a colour image", Some(colours.size())),
+        ];
+        expect_sizes(view, size, &parts)?;
+        let normal = |pixel| normals.as_ref().map_or(PackedNormal::NONE, |normals| normals.data()[pixel]);
+        let look = |(pixel, &colour)| Look { normal: normal(pixel), colour, inner: false };
+        let look = Grid::from_vec(size, colours.data().iter().enumerate().map(look).collect());
+        let mut seen = Self { filtered, look };
+        seen.complete();
         Ok(seen)
     }
 
@@ -52,39 +56,33 @@ impl SeenView {
         self.filtered.bytes() + self.filtered.size().area() * size_of::<Look>()
     }
 
-    /// Finds the normals, unless they are given, and the pixels that are not at an edge.
-    fn find_normals(&mut self, given: Option<&Grid<[f32; 3]>>) {
+    /// Finds the normals that are not given, and the pixels that are not at an edge.
+    fn complete(&mut self) {
         let world_from_cam = self.filtered.cam_from_world.rotation.transpose().cast::<f32>();
         let (view, width) = (&self.filtered, self.filtered.size().width.max(1));
         self.look.data_mut().par_chunks_mut(width).enumerate().for_each(|(y, looks)| {
-            let given = given.map(|given| given.row(y));
-            let directions = directions(view, y, (given, &world_from_cam), looks);
-            let mut normals = vec![PackedNormal::default(); width];
-            pack(&directions, &mut normals);
-            looks.iter_mut().zip(normals).for_each(|(look, normal)| look.normal = normal);
+            let fits = fits_of_row(view, y);
+            let mut derived = vec![PackedNormal::NONE; width];
+            pack(&directions_of_row(view, y, &fits, &world_from_cam), &mut derived);
+            for (x, (look, (fit, derived))) in looks.iter_mut().zip(fits.iter().zip(derived)).enumerate() {
+                if view.inverse_depth((x, y)) <= 0.0 {
+                    look.normal = PackedNormal::NONE;
+                    continue;
+                }
+                look.inner = fit.inner;
+                if look.normal == PackedNormal::NONE {
+                    look.normal = derived;
+                }
+            }
         });
     }
 }
 
-/// Directions along the normals of a row's pixels in the world's frame, 0 where there is no depth. Says in `looks`
-/// which pixels are not at an edge.
-fn directions(
-    view: &FilteredView,
-    y: usize,
-    (given, world_from_cam): (Option<&[[f32; 3]]>, &Matrix3<f32>),
-    looks: &mut [Look],
-) -> Vec<[f32; 3]> {
-    let fits = fits_of_row(view, y);
-    let mut directions = directions_of_row(view, y, &fits, world_from_cam);
-    for (x, (direction, fit)) in directions.iter_mut().zip(&fits).enumerate() {
-        if view.inverse_depth((x, y)) <= 0.0 {
-            *direction = [0.0; 3];
-            continue;
-        }
-        looks[x].inner = fit.inner;
-        if let Some(given) = given.map(|given| given[x]).filter(|given| given != &[0.0; 3]) {
-            *direction = given;
-        }
-    }
-    directions
+#[allow(clippy::needless_pass_by_value, reason = "the normals take much room and go as soon as they are packed")]
+fn packed(normals: Grid<[f32; 3]>) -> Grid<PackedNormal> {
+    let mut packed = Grid::filled(normals.size(), PackedNormal::NONE);
+    let width = normals.size().width.max(1);
+    let rows = packed.data_mut().par_chunks_mut(width).zip(normals.data().par_chunks(width));
+    rows.for_each(|(packed, normals)| pack(normals, packed));
+    packed
 }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use crate::FuseError;
 use crate::appearance::SeenView;
+use crate::packed_normal::PackedNormal;
 use crate::photometric::FilteredView;
 
 /// A view as a pass needs it.
@@ -18,14 +19,16 @@ pub(crate) trait MemorySize: Send + Sync {
     fn loading_bytes(&self) -> usize;
 }
 
+/// Bytes a pixel of what a depth map is loaded with: depth, both confidences, and mask.
+const RASTERS: usize = 3 * size_of::<f32>() + 1;
+
 impl MemorySize for FilteredView {
     fn bytes(&self) -> usize {
         self.bytes()
     }
 
-    /// Depth, both confidences, and mask.
     fn loading_bytes(&self) -> usize {
-        self.size().area() * (3 * size_of::<f32>() + 1)
+        self.size().area() * RASTERS
     }
 }
 
@@ -34,9 +37,12 @@ impl MemorySize for SeenView {
         self.bytes()
     }
 
-    /// The normals; what is loaded before them takes less.
+    /// The depth map's rasters beside packed normals, before there are colours; what is loaded before and after takes
+    /// less.
     fn loading_bytes(&self) -> usize {
-        self.filtered.size().area() * size_of::<[f32; 3]>()
+        let area = self.filtered.size().area();
+        let together = self.filtered.bytes() + area * (RASTERS + size_of::<PackedNormal>());
+        together.saturating_sub(self.bytes())
     }
 }
 

@@ -6,7 +6,7 @@ use crate::wide::widened;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PackedNormal(pub [i16; 2]);
 
-/// No normal: no point of the square has this coordinate.
+/// The coordinates of no normal: no point of the square has them.
 const NONE: i16 = i16::MIN;
 
 /// The largest coordinate.
@@ -25,6 +25,9 @@ fn pack_any(vectors: &[[f32; 3]], normals: &mut [PackedNormal]) {
 }
 
 impl PackedNormal {
+    /// No normal.
+    pub const NONE: Self = Self([NONE; 2]);
+
     /// The nearest normal that can be packed; none for a vector without length.
     // Without branches, so that many at once are compiled for the widest vectors.
     #[inline(always)]
@@ -36,7 +39,7 @@ impl PackedNormal {
         let (u, v) = (x * per_sum, y * per_sum);
         let (u, v) = if z < 0.0 { folded(u, v) } else { (u, v) };
         let packed = [rounded(u * SCALE), rounded(v * SCALE)];
-        Self(if has_length { packed } else { [NONE; 2] })
+        if has_length { Self(packed) } else { Self::NONE }
     }
 
     /// The components of the unit normal; 0 if there is none.

@@ -139,7 +139,7 @@ pub fn resize(image: &Grid<Rgb>, size: Size) -> Grid<Rgb> {
         ImageBuffer::from_raw(width, height, image.data().as_flattened())
             .expect("a grid holds one value a pixel");
     let resized = imageops::resize(&view, to_width, to_height, FilterType::CatmullRom);
-    rgb_grid(size, &resized.into_raw())
+    rgb_grid(size, resized.into_raw())
 }
 
 /// Saves an 8-bit colour PNG.
@@ -265,7 +265,7 @@ fn refused(path: &Path) -> impl FnOnce(::image::ImageError) -> IoError {
 fn convert(image: DynamicImage, exif_rotated: bool) -> LoadedImage {
     let size = size_of(&image);
     let alpha_mask = image.color().has_alpha().then(|| alpha_mask(&image)).flatten();
-    LoadedImage { rgb: rgb_grid(size, &image.into_rgb8().into_raw()), alpha_mask, exif_rotated, note: None }
+    LoadedImage { rgb: rgb_grid(size, image.into_rgb8().into_raw()), alpha_mask, exif_rotated, note: None }
 }
 
 fn alpha_mask(image: &DynamicImage) -> Option<Grid<bool>> {
@@ -273,8 +273,9 @@ fn alpha_mask(image: &DynamicImage) -> Option<Grid<bool>> {
     (!mask.iter().all(|&counts| counts)).then(|| Grid::from_vec(size_of(image), mask))
 }
 
-fn rgb_grid(size: Size, bytes: &[u8]) -> Grid<Rgb> {
-    Grid::from_vec(size, bytes.as_chunks::<3>().0.to_vec())
+/// A grid in the memory of its bytes.
+fn rgb_grid(size: Size, bytes: Vec<u8>) -> Grid<Rgb> {
+    Grid::from_vec(size, bytemuck::cast_slice_box(bytes.into_boxed_slice()).into_vec())
 }
 
 pub(crate) fn size_of(image: &DynamicImage) -> Size {

@@ -334,6 +334,7 @@ impl MapSource for Maps {
     }
 
     fn load_map(&self, view: usize) -> Result<MaskedMap, VamvsError> {
+        give_back_if_large(self.cameras[view].size);
         let map = self.depth_map(view)?;
         Ok(MaskedMap { mask: self.mask(view, map.depth.size())?, map })
     }
