@@ -78,7 +78,10 @@ impl SeenView {
     }
 }
 
-#[allow(clippy::needless_pass_by_value, reason = "the normals take much room and go as soon as they are packed")]
+#[allow(
+    clippy::needless_pass_by_value,
+    reason = "the normals take much room and go as soon as they are packed"
+)]
 fn packed(normals: Grid<[f32; 3]>) -> Grid<PackedNormal> {
     let mut packed = Grid::filled(normals.size(), PackedNormal::NONE);
     let width = normals.size().width.max(1);
