@@ -13,6 +13,13 @@ from torch import Tensor, nn
 NORMS = ("batch", "group")
 
 
+def normalised(images: Tensor) -> Tensor:
+    """Each image with zero mean and unit standard deviation, as in the authors' implementation, channels last."""
+    mean = images.mean(dim=(1, 2, 3), keepdim=True)
+    deviation = images.std(dim=(1, 2, 3), keepdim=True)
+    return ((images - mean) / (deviation + 1e-3)).contiguous(memory_format=torch.channels_last)
+
+
 class ChannelNorm(nn.Module):
     """Normalises the channels of each position to zero mean and unit variance, then scales and shifts: (B, C, ...)."""
 

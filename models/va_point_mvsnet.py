@@ -14,7 +14,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from layers import Conv1d, Conv2d, Conv3d, Deconv3d, Pair1d, normalisation, scale_shift
+from layers import Conv1d, Conv2d, Conv3d, Deconv3d, Pair1d, normalisation, normalised, scale_shift
 from matcher import GradientMatcher
 
 AGGREGATIONS = ("avg", "max", "var", "vis-avg", "vis-max", "vis-var")
@@ -41,11 +41,7 @@ class ImageNet(nn.Module):
         self.last = nn.Conv2d(d, d, 3, padding=1, bias=False)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        # Each photograph is normalised to zero mean and unit standard deviation, as in the authors' implementation.
-        mean = images.mean(dim=(1, 2, 3), keepdim=True)
-        deviation = images.std(dim=(1, 2, 3), keepdim=True)
-        images = ((images - mean) / (deviation + 1e-3)).contiguous(memory_format=torch.channels_last)
-        half = self.level1(self.level0(images))
+        half = self.level1(self.level0(normalised(images)))
         quarter = self.level2(half)
         eighth = self.last(self.level3(quarter))
         return half.contiguous(), quarter.contiguous(), eighth.contiguous()

@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from layers import Conv2d, Conv3d, Deconv3d, conv3d
+from layers import Conv2d, Conv3d, Deconv3d, conv3d, normalised
 from va_point_mvsnet import POSITION_CHANNELS, FlowNet, padded
 
 GROUP = 4  # channels in a group
@@ -25,13 +25,6 @@ SLAB = 16  # planes that go through the first and the last layers at once
 def enlarged(x: Tensor) -> Tensor:
     """Bilinear upsampling by 2 that keeps the positions of pixel centres."""
     return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
-
-
-def normalised(images: Tensor) -> Tensor:
-    """Each image with zero mean and unit standard deviation, channels last."""
-    mean = images.mean(dim=(1, 2, 3), keepdim=True)
-    deviation = images.std(dim=(1, 2, 3), keepdim=True)
-    return ((images - mean) / (deviation + 1e-3)).contiguous(memory_format=torch.channels_last)
 
 
 class Even(nn.Module):
