@@ -5,21 +5,26 @@ use crate::avx2;
 use crate::isa::for_each_isa;
 use crate::luminance::Quads;
 use crate::sampling::{at_least, sample};
-use crate::transfer::{Four, TOGETHER, Warps};
+use crate::transfer::{TOGETHER, Warps};
 use crate::window::{LANES, TEXELS, Texels, Window, sum_lanes};
 
 /// Source images, `None` where there is no view, or its correlation is not wanted.
-pub(crate) type Images<'a> = Four<Option<&'a Quads>>;
+pub(crate) type Images<'a> = [Option<&'a Quads>; TOGETHER];
 
 for_each_isa! {
     /// The correlations, −1 to 1, of the window with source images under its warps into them; 0 outside of an image. The
     /// square of `noise`, grey values, is added to both variances, so that the correlation of a textureless window is
     /// near 0. The border of a source image is replicated.
-    pub(crate) fn correlations(window: &Window, images: &Images<'_>, warps: &Warps, noise: f32) -> Four = correlate
+    pub(crate) fn correlations(window: &Window, images: &Images<'_>, warps: &Warps, noise: f32) -> [f32; TOGETHER] = correlate
 }
 
 #[inline(always)]
-fn correlate<const N: usize>(window: &Window, images: &Images<'_>, warps: &Warps, noise: f32) -> Four {
+fn correlate<const N: usize>(
+    window: &Window,
+    images: &Images<'_>,
+    warps: &Warps,
+    noise: f32,
+) -> [f32; TOGETHER] {
     let (mut mean, mut second, mut product) = ([0.0; TOGETHER], [0.0; TOGETHER], [0.0; TOGETHER]);
     for (i, image) in images.iter().enumerate() {
         let (Some(source), Some(warp)) = (image, warps.of(i)) else { continue };

@@ -4,11 +4,11 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::correlation::correlations;
 use crate::descent::normal;
-use crate::geometry::Seen;
+use crate::geometry::{Geometries, Seen};
 use crate::matcher::{Group, Matcher, Pixel};
 use crate::plane::Plane;
 use crate::source::MOST_SOURCES;
-use crate::transfer::TOGETHER;
+use crate::transfer::{TOGETHER, Views};
 
 /// The energy of an impossible plane: behind a camera, or steeper than [`STEEPEST`].
 pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
@@ -19,9 +19,6 @@ const STEEPEST: f32 = 1.2;
 /// A plane that is worse by more than this in the views that have matched best so far is not tried in the others.
 /// Neither is a plane that is better in them: it is accepted at once.
 const HOPELESS: f32 = 0.03;
-
-/// A set of source views, one bit per view.
-pub(crate) type Views = u16;
 
 /// The energy of a plane, and the views that match it best.
 #[derive(Clone, Copy, Debug)]
@@ -161,7 +158,10 @@ impl Pixel<'_> {
     /// The number of sources whose own depth maps meet the plane to one pixel of reprojection error; `None` if no
     /// source has a depth map.
     pub fn geometric_agreement(&self, plane: &Plane) -> Option<usize> {
-        let meeting = |group| Some(self.seen(group, plane)?.way.iter().filter(|way| **way < 1.0).count());
+        let meeting = |group| {
+            let way = self.seen(group, plane)?.way.to_array();
+            Some(way.iter().filter(|way| **way < 1.0).count())
+        };
         (0..self.matcher.groups.len()).map(meeting).sum()
     }
 
@@ -170,7 +170,7 @@ impl Pixel<'_> {
         let Group { transfers, geometries } = &self.matcher.groups[group];
         let geometries = geometries.as_ref()?;
         let warps = transfers.warps(&self.rays[group], plane);
-        Some(geometries.seen(&warps.inside, (&warps.u, &warps.v), (self.x, self.y)))
+        Some(geometries.seen(warps.inside, (warps.u, warps.v), (self.x, self.y)))
     }
 
     /// The sum of the normal equations of some source views at a plane, in units of [`Pixel::step`]. Views that do
@@ -187,7 +187,7 @@ impl Pixel<'_> {
             let [across, along] = transfers.speeds(&self.rays[number], plane.w);
             for index in indices(wanted) {
                 let Some(warp) = warps.of(index) else { continue };
-                let speed = [across[index] * self.step, along[index] * self.step];
+                let speed = [across.as_array()[index] * self.step, along.as_array()[index] * self.step];
                 let quads = &sources[number * TOGETHER + index].quads;
                 let normal = normal(&self.window, quads, &warp, speed, options.noise, *isa);
                 if normal.correlation > 0.0 {
@@ -218,14 +218,14 @@ impl Pixel<'_> {
         let Matcher { options, isa, sources, groups, .. } = self.matcher;
         let Group { transfers, geometries } = &groups[group];
         let warps = transfers.warps(&self.rays[group], plane);
-        let (mut images, mut wanted) = ([None; TOGETHER], [false; TOGETHER]);
+        let mut images = [None; TOGETHER];
         for index in indices(views) {
             images[index] = Some(&sources[group * TOGETHER + index].quads);
-            wanted[index] = warps.inside[index];
         }
         let correlations = correlations(&self.window, &images, &warps, options.noise, *isa);
-        let (at, pixel, most) = ((&warps.u, &warps.v), (self.x, self.y), options.geometric_reach);
-        let errors = geometries.as_ref().map_or([0.0; TOGETHER], |all| all.errors(&wanted, at, pixel, most));
+        let (at, pixel, most) = ((warps.u, warps.v), (self.x, self.y), options.geometric_reach);
+        let errors = |all: &Geometries| all.errors(warps.inside & views, at, pixel, most).to_array();
+        let errors = geometries.as_ref().map_or([0.0; TOGETHER], errors);
         let mut sum = Cost::default();
         for index in indices(views) {
             let correlation = correlations[index];

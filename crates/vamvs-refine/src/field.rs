@@ -3,8 +3,9 @@
 use rayon::prelude::*;
 use vamvs_core::Size;
 
-use crate::energy::{IMPOSSIBLE, Judged, Views};
+use crate::energy::{IMPOSSIBLE, Judged};
 use crate::plane::Plane;
+use crate::transfer::Views;
 
 /// The state of a pixel.
 #[derive(Clone, Copy, Debug, Default)]

@@ -86,7 +86,7 @@ impl<'a> Matcher<'a> {
             return None;
         }
         let (px, py) = (x as f32 + 0.5, y as f32 + 0.5);
-        let (mut rays, mut handicaps) = ([[[0.0; TOGETHER]; 3]; MOST_GROUPS], [0.0; MOST_SOURCES]);
+        let (mut rays, mut handicaps) = ([[Four::ZERO; 3]; MOST_GROUPS], [0.0; MOST_SOURCES]);
         let mut disparity = 0.0;
         for (group, rays) in self.groups.iter().zip(&mut rays) {
             *rays = group.transfers.rays(px, py);
@@ -97,9 +97,11 @@ impl<'a> Matcher<'a> {
             *handicap = self.options.visibility * (1.0 - visible);
         }
         let step = self.sources.len() as f32 / disparity;
+        if !step.is_finite() {
+            return None;
+        }
         let window = window(&self.image, x, y, self.options.colour, self.isa);
-        let pixel = Pixel { matcher: self, x: px, y: py, window, step, prior, rays, handicaps };
-        step.is_finite().then_some(pixel)
+        Some(Pixel { matcher: self, x: px, y: py, window, step, prior, rays, handicaps })
     }
 }
 

@@ -133,7 +133,8 @@ fn from_sources(pixel: &Pixel, groups: usize, state: &mut State) {
     let (mut tried, mut most) = ([0.0; MOST_SOURCES], 0);
     for group in 0..groups {
         let Some(seen) = pixel.seen(group, &state.plane) else { return };
-        for (w, _) in seen.w.into_iter().zip(seen.way).filter(|(_, way)| way.is_finite()) {
+        let found = seen.w.to_array().into_iter().zip(seen.way.to_array());
+        for (w, _) in found.filter(|(_, way)| way.is_finite()) {
             let near = |other: f32| (w - other).abs() < SAME * pixel.step;
             if near(state.plane.w) || tried[..most].iter().any(|&w| near(w)) {
                 continue;

@@ -2,6 +2,7 @@
 
 use vamvs_core::homography::PixelTransfer;
 use vamvs_core::{Pinhole, Pose, Size};
+use wide::f32x4;
 
 use crate::plane::Plane;
 
@@ -38,13 +39,16 @@ impl Transfer {
     }
 }
 
-/// A value for each of four source views, whose projections are computed together.
-pub(crate) type Four<T = f32> = [T; TOGETHER];
-
 /// Source views whose projections and correlations are computed together.
 pub(crate) const TOGETHER: usize = 4;
 
-/// The [`Transfer`]s to at most four source views. Each operation is done for all of them, in vector registers.
+/// A number for each of these views.
+pub(crate) type Four = f32x4;
+
+/// A set of source views, one bit per view.
+pub(crate) type Views = u16;
+
+/// The [`Transfer`]s to at most four source views.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Transfers {
     linear: [[Four; 3]; 3],
@@ -62,8 +66,8 @@ pub(crate) struct Warps {
     pub uy: Four,
     pub vx: Four,
     pub vy: Four,
-    /// Whether the centre lies in the image; if not, it may be behind the camera and the rest meaningless.
-    pub inside: Four<bool>,
+    /// The images in which the centre lies; of others it may be behind the camera and the rest meaningless.
+    pub inside: Views,
 }
 
 impl Warps {
@@ -71,35 +75,42 @@ impl Warps {
     #[cfg(test)]
     pub fn all(warp: &Affine) -> Self {
         let Affine { u, v, ux, uy, vx, vy } = *warp;
-        let [u, v, ux, uy, vx, vy] = [u, v, ux, uy, vx, vy].map(|value| [value; TOGETHER]);
-        Self { u, v, ux, uy, vx, vy, inside: [true; TOGETHER] }
+        let [u, v, ux, uy, vx, vy] = [u, v, ux, uy, vx, vy].map(Four::splat);
+        Self { u, v, ux, uy, vx, vy, inside: (1 << TOGETHER) - 1 }
     }
 
     /// The warp into one of the images; `None` if the pixel projects outside of it.
     #[inline]
     pub fn of(&self, view: usize) -> Option<Affine> {
-        self.inside[view].then(|| Affine {
-            u: self.u[view],
-            v: self.v[view],
-            ux: self.ux[view],
-            uy: self.uy[view],
-            vx: self.vx[view],
-            vy: self.vy[view],
+        let of = |values: &Four| values.as_array()[view];
+        (self.inside >> view & 1 == 1).then(|| Affine {
+            u: of(&self.u),
+            v: of(&self.v),
+            ux: of(&self.ux),
+            uy: of(&self.uy),
+            vx: of(&self.vx),
+            vy: of(&self.vy),
         })
     }
 }
 
-// Loops over four values, which the compiler turns into vector instructions.
+/// The set of lanes in which a comparison holds.
+#[inline]
+pub(crate) fn lanes(mask: Four) -> Views {
+    mask.to_bitmask() as Views
+}
+
 impl Transfers {
     /// The transfers to views whose images have these sizes, at most four.
     pub fn new<'a>(views: impl IntoIterator<Item = (&'a Transfer, Size)>) -> Self {
         let mut all = Self::default();
+        let set = |to: &mut Four, view: usize, value: f32| to.as_mut_array()[view] = value;
         for (view, (transfer, size)) in views.into_iter().enumerate() {
-            for (row, values) in all.linear.iter_mut().zip(&transfer.linear) {
-                row.iter_mut().zip(values).for_each(|(to, value)| to[view] = *value);
-            }
-            all.offset.iter_mut().zip(&transfer.offset).for_each(|(to, value)| to[view] = *value);
-            (all.size[0][view], all.size[1][view]) = (size.width as f32, size.height as f32);
+            let linear = all.linear.iter_mut().flatten().zip(transfer.linear.iter().flatten());
+            linear.for_each(|(to, value)| set(to, view, *value));
+            all.offset.iter_mut().zip(&transfer.offset).for_each(|(to, value)| set(to, view, *value));
+            set(&mut all.size[0], view, size.width as f32);
+            set(&mut all.size[1], view, size.height as f32);
         }
         all
     }
@@ -107,78 +118,61 @@ impl Transfers {
     /// `linear · (x, y, 1)` for each view.
     #[inline]
     pub fn rays(&self, x: f32, y: f32) -> [Four; 3] {
-        self.rays_of(&[x; TOGETHER], &[y; TOGETHER])
+        self.rays_of(Four::splat(x), Four::splat(y))
     }
 
     /// The same for a position in each view.
     #[inline]
-    pub fn rays_of(&self, x: &Four, y: &Four) -> [Four; 3] {
-        let mut rays = [[0.0; TOGETHER]; 3];
-        for (ray, row) in rays.iter_mut().zip(&self.linear) {
-            for i in 0..TOGETHER {
-                ray[i] = row[0][i] * x[i] + row[1][i] * y[i] + row[2][i];
-            }
-        }
-        rays
+    pub fn rays_of(&self, x: Four, y: Four) -> [Four; 3] {
+        self.linear.map(|row| row[0] * x + row[1] * y + row[2])
     }
 
     /// The homogeneous source pixels of a reference pixel, given its [`Transfers::rays`], at inverse depth `w`.
     #[inline]
-    pub fn seen(&self, rays: &[Four; 3], w: &Four) -> [Four; 3] {
-        let mut seen = [[0.0; TOGETHER]; 3];
-        for (seen, (ray, offset)) in seen.iter_mut().zip(rays.iter().zip(&self.offset)) {
-            for i in 0..TOGETHER {
-                seen[i] = ray[i] + offset[i] * w[i];
-            }
-        }
-        seen
+    pub fn seen(&self, rays: &[Four; 3], w: Four) -> [Four; 3] {
+        let ([a, b, c], [x, y, z]) = (rays, &self.offset);
+        [*a + *x * w, *b + *y * w, *c + *z * w]
     }
 
     /// The warps of the window of the pixel with these [`Transfers::rays`]: the plane's homographies, linearised at the
     /// window's centre.
     #[inline]
     pub fn warps(&self, rays: &[Four; 3], plane: &Plane) -> Warps {
-        let (mut warps, l, o) = (Warps::default(), &self.linear, &self.offset);
-        let seen = self.seen(rays, &[plane.w; TOGETHER]);
-        for i in 0..TOGETHER {
-            let scale = 1.0 / seen[2][i];
-            let (u, v) = (seen[0][i] * scale, seen[1][i] * scale);
-            let right_z = l[2][0][i] + o[2][i] * plane.gx;
-            let down_z = l[2][1][i] + o[2][i] * plane.gy;
-            warps.ux[i] = (l[0][0][i] + o[0][i] * plane.gx - u * right_z) * scale;
-            warps.uy[i] = (l[0][1][i] + o[0][i] * plane.gy - u * down_z) * scale;
-            warps.vx[i] = (l[1][0][i] + o[1][i] * plane.gx - v * right_z) * scale;
-            warps.vy[i] = (l[1][1][i] + o[1][i] * plane.gy - v * down_z) * scale;
-            (warps.u[i], warps.v[i]) = (u, v);
-            let in_image = (u >= 0.0) & (v >= 0.0) & (u < self.size[0][i]) & (v < self.size[1][i]);
-            warps.inside[i] = (seen[2][i] > 0.0) & in_image;
+        let (l, o) = (&self.linear, &self.offset);
+        let (gx, gy) = (Four::splat(plane.gx), Four::splat(plane.gy));
+        let [x, y, z] = self.seen(rays, Four::splat(plane.w));
+        let scale = Four::ONE / z;
+        let (u, v) = (x * scale, y * scale);
+        let right_z = l[2][0] + o[2] * gx;
+        let down_z = l[2][1] + o[2] * gy;
+        let in_image =
+            u.simd_ge(Four::ZERO) & v.simd_ge(Four::ZERO) & u.simd_lt(self.size[0]) & v.simd_lt(self.size[1]);
+        Warps {
+            u,
+            v,
+            ux: (l[0][0] + o[0] * gx - u * right_z) * scale,
+            uy: (l[0][1] + o[0] * gy - u * down_z) * scale,
+            vx: (l[1][0] + o[1] * gx - v * right_z) * scale,
+            vy: (l[1][1] + o[1] * gy - v * down_z) * scale,
+            inside: lanes(z.simd_gt(Four::ZERO) & in_image),
         }
-        warps
     }
 
     /// The derivatives of the source image coordinates with respect to inverse depth, source pixels per unit; 0 behind a
     /// source camera.
     #[inline]
     pub fn speeds(&self, rays: &[Four; 3], w: f32) -> [Four; 2] {
-        let (seen, o) = (self.seen(rays, &[w; TOGETHER]), &self.offset);
-        let mut speeds = [[0.0; TOGETHER]; 2];
-        for i in 0..TOGETHER {
-            let scale = if seen[2][i] > 0.0 { 1.0 / seen[2][i] } else { 0.0 };
-            speeds[0][i] = (o[0][i] - seen[0][i] * scale * o[2][i]) * scale;
-            speeds[1][i] = (o[1][i] - seen[1][i] * scale * o[2][i]) * scale;
-        }
-        speeds
+        let ([x, y, z], o) = (self.seen(rays, Four::splat(w)), &self.offset);
+        let scale = z.simd_gt(Four::ZERO) & (Four::ONE / z);
+        [(o[0] - x * scale * o[2]) * scale, (o[1] - y * scale * o[2]) * scale]
     }
 
     /// The lengths of [`Transfers::speeds`]: source pixels per unit of inverse depth, summed over the views.
     #[inline]
     pub fn disparity(&self, rays: &[Four; 3], w: f32) -> f32 {
         let [u, v] = self.speeds(rays, w);
-        let mut lengths = [0.0; TOGETHER];
-        for i in 0..TOGETHER {
-            lengths[i] = (u[i] * u[i] + v[i] * v[i]).sqrt();
-        }
-        lengths[0] + lengths[1] + lengths[2] + lengths[3]
+        let [a, b, c, d] = (u * u + v * v).sqrt().to_array();
+        a + b + c + d
     }
 }
 
@@ -210,7 +204,7 @@ mod tests {
         let (transfers, exact) = transfers();
         let plane = Plane { w: 0.25, gx: 2e-4, gy: -1e-4 };
         let warps = transfers.warps(&transfers.rays(200.5, 300.5), &plane);
-        assert_eq!(warps.inside, [true, true, false, false], "there are two views");
+        assert_eq!(warps.inside, 0b0011, "there are two views");
         for (view, exact) in exact.iter().enumerate() {
             let warp = warps.of(view).unwrap();
             for (dx, dy) in [(0.0_f32, 0.0_f32), (2.0, 0.0), (0.0, 2.0), (-3.0, 3.0)] {
@@ -224,7 +218,7 @@ mod tests {
         }
         let (beside, behind) = (Plane { w: 5.0, ..plane }, Plane { w: -5.0, ..plane });
         for plane in [beside, behind] {
-            assert_eq!(transfers.warps(&transfers.rays(200.5, 300.5), &plane).inside, [false; TOGETHER]);
+            assert_eq!(transfers.warps(&transfers.rays(200.5, 300.5), &plane).inside, 0);
         }
     }
 
@@ -234,8 +228,10 @@ mod tests {
         let rays = transfers.rays(120.5, 80.5);
         let at = |w: f32| transfers.warps(&rays, &Plane { w, gx: 0.0, gy: 0.0 });
         let (a, b) = (at(0.249), at(0.251));
-        let speed =
-            |view: usize| ((b.u[view] - a.u[view]).powi(2) + (b.v[view] - a.v[view]).powi(2)).sqrt() / 0.002;
+        let speed = |view: usize| {
+            let (du, dv) = ((b.u - a.u).to_array()[view], (b.v - a.v).to_array()[view]);
+            du.hypot(dv) / 0.002
+        };
         assert!((transfers.disparity(&rays, 0.25) / (speed(0) + speed(1)) - 1.0).abs() < 2e-3);
     }
 }
