@@ -16,9 +16,11 @@ pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
 /// The steepest plane, pixels of disparity per pixel.
 const STEEPEST: f32 = 1.2;
 
-/// A plane that is worse by more than this in the views that have matched best so far is not tried in the others.
-/// Neither is a plane that is better in them: it is accepted at once.
-const HOPELESS: f32 = 0.03;
+/// By photographs alone, a plane that is worse by more than this in the views that have matched best so far is not tried in
+/// the others, where it could match by chance. With the sources' own depth maps that is rare, and all views are tried.
+///
+/// A plane that is better in the best views is accepted at once.
+const HOPELESS: f32 = 0.01;
 
 /// The energy of a plane, and the views that match it best.
 #[derive(Clone, Copy, Debug)]
@@ -105,8 +107,8 @@ fn of_group(views: Views, group: usize) -> Views {
 
 impl Pixel<'_> {
     /// The energy of a plane: 1 − the mean correlation of the best views, plus their geometric cost, plus the cost of
-    /// the distance to the prior. `rival` is the best plane so far; a plane that is hopeless against it gets
-    /// [`IMPOSSIBLE`].
+    /// the distance to the prior. `rival` is the best plane so far; a plane that is hopeless against it (see
+    /// [`HOPELESS`]) gets [`IMPOSSIBLE`].
     pub fn energy(&self, plane: &Plane, rival: Option<Judged>) -> Judged {
         if !self.is_possible(plane) {
             return Judged::IMPOSSIBLE;
@@ -121,7 +123,7 @@ impl Pixel<'_> {
             if energy < rival.energy {
                 return Judged { energy, correlation, best: known };
             }
-            if energy > rival.energy + HOPELESS {
+            if energy > rival.energy + self.hopeless() {
                 return Judged::IMPOSSIBLE;
             }
         }
@@ -135,7 +137,14 @@ impl Pixel<'_> {
     /// not much worse there than the neighbour's.
     pub fn energy_like(&self, plane: &Plane, neighbour: Judged) -> Judged {
         let judged = self.energy_in(plane, neighbour.best);
-        if judged.energy < neighbour.energy + HOPELESS { judged } else { self.energy(plane, None) }
+        if judged.energy < neighbour.energy + self.hopeless() { judged } else { self.energy(plane, None) }
+    }
+
+    /// By how much a plane must be worse not to be tried in further views.
+    #[inline]
+    fn hopeless(&self) -> f32 {
+        let with_depths = self.matcher.groups.iter().any(|group| group.geometries.is_some());
+        if with_depths { f32::INFINITY } else { HOPELESS }
     }
 
     /// Whether a plane is in front of the camera and not too steep.

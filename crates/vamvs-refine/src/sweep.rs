@@ -16,8 +16,13 @@ const DIRECTIONS: [[(i32, i32); 4]; 4] = [
     [(0, -1), (1, -2), (-1, -2), (0, -5)],
 ];
 
-/// Planes are the same if they differ by less than this over the window, pixels of disparity.
-const SAME: f32 = 0.3;
+/// A neighbour's plane is tried if it differs from the pixel's own by more than this over the window, pixels of disparity.
+/// Nearer ones would be the same surface with other noise.
+const OTHER: f32 = 3.0;
+
+/// A source view's depth is tried if it is farther from the pixel's own than this, and from those that were tried, pixels of
+/// disparity.
+const DISTINCT: f32 = 0.3;
 
 /// The radius of the window, pixels.
 const RADIUS: f32 = 5.0;
@@ -135,7 +140,7 @@ fn from_sources(pixel: &Pixel, groups: usize, state: &mut State) {
         let Some(seen) = pixel.seen(group, &state.plane) else { return };
         let found = seen.w.to_array().into_iter().zip(seen.way.to_array());
         for (w, _) in found.filter(|(_, way)| way.is_finite()) {
-            let near = |other: f32| (w - other).abs() < SAME * pixel.step;
+            let near = |other: f32| (w - other).abs() < DISTINCT * pixel.step;
             if near(state.plane.w) || tried[..most].iter().any(|&w| near(w)) {
                 continue;
             }
@@ -146,9 +151,10 @@ fn from_sources(pixel: &Pixel, groups: usize, state: &mut State) {
     }
 }
 
+/// Whether two planes may be the same surface, up to noise.
 fn same(a: &Plane, b: &Plane, step: f32) -> bool {
     let over_window = (a.w - b.w).abs() + RADIUS * ((a.gx - b.gx).abs() + (a.gy - b.gy).abs());
-    over_window < SAME * step
+    over_window < OTHER * step
 }
 
 /// Takes the plane if its energy is lower.
