@@ -80,7 +80,7 @@ impl Default for FuseOptions {
             min_views: 2,
             min_support: 0.4,
             contradiction: 0.25,
-            min_confidence: 0.1,
+            min_confidence: 0.15,
             min_coarse_confidence: 0.2,
             point_spacing: None,
         }

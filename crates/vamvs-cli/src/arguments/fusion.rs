@@ -30,7 +30,7 @@ pub struct FusionFlags {
     /// Largest relative difference of the depth that is projected back [default: 0.01].
     #[arg(long, value_name = "SHARE")]
     pub max_relative_depth: Option<f32>,
-    /// Photometric filter: least confidence of the final depth, 0 to 1 [default: 0.1].
+    /// Photometric filter: least confidence of the final depth, 0 to 1 [default: 0.15].
     #[arg(long, value_name = "SHARE")]
     pub confidence: Option<f32>,
     /// Photometric filter: least confidence of the coarse depth, 0 to 1 [default: 0.2].
