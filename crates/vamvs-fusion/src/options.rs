@@ -103,7 +103,7 @@ impl FuseOptions {
     /// at DTU's baselines 0.12 pixels are about 0.05 % of the depth, so the 1 % here never decides.
     #[must_use]
     pub fn dtu() -> Self {
-        Self { max_reprojection: 0.12, ..Self::classic() }
+        Self { max_reprojection: 0.12, min_confidence: 0.1, ..Self::classic() }
     }
 
     /// Checks that each threshold is in its range.
