@@ -320,7 +320,7 @@ mod tests {
     #[test]
     fn the_classic_rule_counts_views() {
         let options = FuseOptions::classic();
-        let near = |x| Wall { confidence: 0.1, ..Wall::new(x, 0.009) };
+        let near = |x| Wall { confidence: 0.15, ..Wall::new(x, 0.009) };
         assert!(is_confirmed(&[OWN, near(0.3), near(-0.3)], &options));
         assert!(!is_confirmed(&[OWN, OWN, Wall::new(0.3, 0.011)], &options));
         assert!(is_confirmed(&[OWN], &FuseOptions { min_views: 1, ..options }), "one view needs no other");
