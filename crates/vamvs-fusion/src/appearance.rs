@@ -33,8 +33,9 @@ impl SeenView {
         source: &S,
         options: &FuseOptions,
     ) -> Result<Self, FuseError> {
-        // First the normals, which take the most room until they are packed.
-        let normals = source.load_normals(view).map_err(FuseError::loading(view))?.map(packed);
+        // First the normals, which take the most room until they are packed, and go then.
+        let normals = source.load_normals(view).map_err(FuseError::loading(view))?;
+        let normals = normals.map(|normals| packed(&normals));
         let filtered = FilteredView::load(view, source, options)?;
         let size = filtered.size();
         let colours = source.load_colour(view, size).map_err(FuseError::loading(view))?;
@@ -78,11 +79,7 @@ impl SeenView {
     }
 }
 
-#[allow(
-    clippy::needless_pass_by_value,
-    reason = "the normals take much room and go as soon as they are packed"
-)]
-fn packed(normals: Grid<[f32; 3]>) -> Grid<PackedNormal> {
+fn packed(normals: &Grid<[f32; 3]>) -> Grid<PackedNormal> {
     let mut packed = Grid::filled(normals.size(), PackedNormal::NONE);
     let width = normals.size().width.max(1);
     let rows = packed.data_mut().par_chunks_mut(width).zip(normals.data().par_chunks(width));

@@ -42,7 +42,7 @@ impl MemorySize for SeenView {
     fn loading_bytes(&self) -> usize {
         let area = self.filtered.size().area();
         let together = self.filtered.bytes() + area * (RASTERS + size_of::<PackedNormal>());
-        together.saturating_sub(self.bytes())
+        together - self.bytes()
     }
 }
 

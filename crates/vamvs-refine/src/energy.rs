@@ -8,7 +8,7 @@ use crate::geometry::{Geometries, Seen};
 use crate::matcher::{Group, Matcher, Pixel};
 use crate::plane::Plane;
 use crate::source::MOST_SOURCES;
-use crate::transfer::{TOGETHER, Views};
+use crate::transfer::{TOGETHER, Views, indices, of_group};
 
 /// The energy of an impossible plane: behind a camera, or steeper than [`STEEPEST`].
 pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
@@ -20,7 +20,7 @@ const STEEPEST: f32 = 1.2;
 /// the others, where it could match by chance. With the sources' own depth maps that is rare, and all views are tried.
 ///
 /// A plane that is better in the best views is accepted at once.
-const HOPELESS: f32 = 0.01;
+pub(crate) const HOPELESS: f32 = 0.01;
 
 /// The energy of a plane, and the views that match it best.
 #[derive(Clone, Copy, Debug)]
@@ -92,19 +92,6 @@ impl Costs {
     }
 }
 
-/// The indices of the views of a set, ascending.
-#[inline]
-fn indices(views: Views) -> impl Iterator<Item = usize> {
-    let next = |left: &Views| Some(left & (left - 1)).filter(|_| *left != 0);
-    std::iter::successors((views != 0).then_some(views), move |left| next(left).filter(|left| *left != 0))
-        .map(|left| left.trailing_zeros() as usize)
-}
-
-/// The views of a set that are in a group, the first of the group in the lowest bit.
-fn of_group(views: Views, group: usize) -> Views {
-    (views >> (group * TOGETHER)) & ((1 << TOGETHER) - 1)
-}
-
 impl Pixel<'_> {
     /// The energy of a plane: 1 − the mean correlation of the best views, plus their geometric cost, plus the cost of
     /// the distance to the prior. `rival` is the best plane so far; a plane that is hopeless against it (see
@@ -123,7 +110,7 @@ impl Pixel<'_> {
             if energy < rival.energy {
                 return Judged { energy, correlation, best: known };
             }
-            if energy > rival.energy + self.hopeless() {
+            if energy > rival.energy + self.matcher.hopeless {
                 return Judged::IMPOSSIBLE;
             }
         }
@@ -137,14 +124,11 @@ impl Pixel<'_> {
     /// not much worse there than the neighbour's.
     pub fn energy_like(&self, plane: &Plane, neighbour: Judged) -> Judged {
         let judged = self.energy_in(plane, neighbour.best);
-        if judged.energy < neighbour.energy + self.hopeless() { judged } else { self.energy(plane, None) }
-    }
-
-    /// By how much a plane must be worse not to be tried in further views.
-    #[inline]
-    fn hopeless(&self) -> f32 {
-        let with_depths = self.matcher.groups.iter().any(|group| group.geometries.is_some());
-        if with_depths { f32::INFINITY } else { HOPELESS }
+        if judged.energy < neighbour.energy + self.matcher.hopeless {
+            judged
+        } else {
+            self.energy(plane, None)
+        }
     }
 
     /// Whether a plane is in front of the camera and not too steep.
@@ -262,9 +246,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn views_are_listed_and_the_best_of_them_found() {
-        assert_eq!(indices(0).count(), 0);
-        assert_eq!(indices(0b1001_0000_0000_0101).collect::<Vec<_>>(), [0, 2, 12, 15]);
+    fn the_best_views_are_found() {
         let value = |(choice, total)| (choice, Cost { total, correlation: 1.0 - total });
         let mut values = [value((9.0, 9.0)); MOST_SOURCES];
         values[..4].copy_from_slice(&[(0.5, 0.5), (0.4, 0.1), (0.2, 0.2), (0.6, 0.0)].map(value));

@@ -3,7 +3,7 @@
 use vamvs_core::depth_map::is_valid;
 use vamvs_core::{DepthMap, Grid, Pinhole, Pose, Size};
 
-use crate::transfer::{Four, TOGETHER, Transfer, Transfers, Views, lanes};
+use crate::transfer::{Four, TOGETHER, Transfer, Transfers, Views, indices, lanes};
 
 /// Neighbouring inverse depths belong to two surfaces if they differ by more than this share.
 const JUMP: f32 = 0.02;
@@ -99,16 +99,14 @@ impl Geometries {
         let (left, top) = ((u - half).fast_max(zero), (v - half).fast_max(zero));
         let (column, row) = (left.fast_trunc_int(), top.fast_trunc_int());
         let mut corners = [[0.0; TOGETHER]; 4];
-        for (i, map) in self.inverse.iter().enumerate() {
-            if inside >> i & 1 == 1
-                && let Some(map) = map
-            {
-                let (column, row) = (column.as_array()[i] as usize, row.as_array()[i] as usize);
-                let around = &map.data()[row * map.width() + column..][..map.width() + 2];
-                let [a, b, c, d] = &mut corners;
-                (a[i], b[i]) = (around[0], around[1]);
-                (c[i], d[i]) = (around[map.width()], around[map.width() + 1]);
-            }
+        for i in indices(inside) {
+            // A view without a map has none of its pixels inside.
+            let Some(map) = &self.inverse[i] else { continue };
+            let (column, row) = (column.as_array()[i] as usize, row.as_array()[i] as usize);
+            let around = &map.data()[row * map.width() + column..][..map.width() + 2];
+            let [a, b, c, d] = &mut corners;
+            (a[i], b[i]) = (around[0], around[1]);
+            (c[i], d[i]) = (around[map.width()], around[map.width() + 1]);
         }
         let [a, b, c, d] = corners.map(Four::new);
         let (fx, fy) = (left - column.round_float(), top - row.round_float());
@@ -144,10 +142,9 @@ impl Geometries {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::transfer::ALL_TOGETHER;
     use nalgebra::Vector3;
     use vamvs_core::{Grid, Intrinsics, Size};
-
-    const ALL: Views = (1 << TOGETHER) - 1;
 
     const CAMERA: Pinhole = Pinhole {
         size: Size::new(80, 60),
@@ -171,7 +168,7 @@ mod tests {
         let geometry = alone(Geometry::new(&map, (&CAMERA, &at(1.0)), (&CAMERA, &at(0.0))));
         // The disparity is 100 w: 25 pixels at the source's depth of 4.
         let seen = |x: f32, y: f32, w: f32| {
-            let found = geometry.seen(ALL, (Four::splat(x - 100.0 * w), Four::splat(y)), (x, y));
+            let found = geometry.seen(ALL_TOGETHER, (Four::splat(x - 100.0 * w), Four::splat(y)), (x, y));
             let [a, way, c, d] = found.way.to_array();
             assert_eq!([a, c, d], [f32::INFINITY; 3], "there is one map");
             (way, found.w.to_array()[1])
@@ -185,7 +182,7 @@ mod tests {
         // The same map, now as one of half the size of a larger photograph.
         let twice = CAMERA.resized(Size::new(160, 120));
         let smaller = alone(Geometry::new(&map, (&twice, &at(1.0)), (&CAMERA, &at(0.0))));
-        let found = smaller.seen(ALL, (Four::splat(71.0), Four::splat(41.0)), (60.5, 20.5));
+        let found = smaller.seen(ALL_TOGETHER, (Four::splat(71.0), Four::splat(41.0)), (60.5, 20.5));
         assert!(found.way.to_array()[1] < 1e-4);
     }
 
@@ -201,7 +198,7 @@ mod tests {
         };
         let geometry = Geometry::new(&map, (&CAMERA, &at(0.0)), (&CAMERA, &at(0.0)));
         let geometries = Geometries::new([None, Some(geometry)]);
-        let w = |u: f32, v: f32| geometries.at(ALL, (Four::splat(u), Four::splat(v))).to_array()[1];
+        let w = |u: f32, v: f32| geometries.at(ALL_TOGETHER, (Four::splat(u), Four::splat(v))).to_array()[1];
         assert!((w(20.75, 30.2) - (0.25 + 1e-4 * 20.25)).abs() < 1e-6, "{}", w(20.75, 30.2));
         assert_eq!(w(39.9, 30.2), w(39.5, 30.5), "the pixel's own");
         assert!(w(40.1, 30.2) > 0.49);

@@ -3,6 +3,7 @@
 use vamvs_core::{Grid, Size};
 
 use crate::RefineOptions;
+use crate::energy::HOPELESS;
 use crate::geometry::{Geometries, Geometry};
 use crate::isa::Isa;
 use crate::luminance::Padded;
@@ -21,6 +22,9 @@ pub(crate) struct Matcher<'a> {
     pub groups: Vec<Group>,
     pub options: &'a RefineOptions,
     pub isa: Isa,
+    /// By how much a plane must be worse in the views that have matched best not to be tried in the others: [`HOPELESS`],
+    /// infinite with the sources' own depth maps.
+    pub hopeless: f32,
 }
 
 /// At most four source views, which are compared together.
@@ -56,7 +60,7 @@ impl<'a> Matcher<'a> {
             geometries: None,
         };
         let groups = sources.chunks(TOGETHER).map(group).collect();
-        Self { image, sources, groups, options, isa: Isa::best() }
+        Self { image, sources, groups, options, isa: Isa::best(), hopeless: HOPELESS }
     }
 
     /// The same with the sources' own depth maps, `None` for those that have none.
@@ -65,6 +69,7 @@ impl<'a> Matcher<'a> {
         for group in &mut self.groups {
             group.geometries = Some(Geometries::new(depths.by_ref().take(TOGETHER)));
         }
+        self.hopeless = f32::INFINITY;
         self
     }
 

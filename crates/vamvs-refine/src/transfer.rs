@@ -48,6 +48,22 @@ pub(crate) type Four = f32x4;
 /// A set of source views, one bit per view.
 pub(crate) type Views = u16;
 
+/// All views of a group.
+pub(crate) const ALL_TOGETHER: Views = (1 << TOGETHER) - 1;
+
+/// The indices of the views of a set, ascending.
+#[inline]
+pub(crate) fn indices(views: Views) -> impl Iterator<Item = usize> {
+    let next = |left: &Views| Some(left & (left - 1)).filter(|_| *left != 0);
+    std::iter::successors((views != 0).then_some(views), move |left| next(left).filter(|left| *left != 0))
+        .map(|left| left.trailing_zeros() as usize)
+}
+
+/// The views of a set that are in a group of [`TOGETHER`], the first of the group in the lowest bit.
+pub(crate) fn of_group(views: Views, group: usize) -> Views {
+    (views >> (group * TOGETHER)) & ALL_TOGETHER
+}
+
 /// The [`Transfer`]s to at most four source views.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Transfers {
@@ -76,7 +92,7 @@ impl Warps {
     pub fn all(warp: &Affine) -> Self {
         let Affine { u, v, ux, uy, vx, vy } = *warp;
         let [u, v, ux, uy, vx, vy] = [u, v, ux, uy, vx, vy].map(Four::splat);
-        Self { u, v, ux, uy, vx, vy, inside: (1 << TOGETHER) - 1 }
+        Self { u, v, ux, uy, vx, vy, inside: ALL_TOGETHER }
     }
 
     /// The warp into one of the images; `None` if the pixel projects outside of it.
@@ -197,6 +213,13 @@ mod tests {
         let each = there.map(|there| Transfer::new((&CAMERA, &here), (&CAMERA, &there)));
         let exact = there.map(|there| PixelTransfer::new(&CAMERA, &CAMERA, &there.compose(&here.inverse())));
         (Transfers::new(each.iter().map(|transfer| (transfer, CAMERA.size))), exact)
+    }
+
+    #[test]
+    fn views_are_listed() {
+        assert_eq!(indices(0).count(), 0);
+        assert_eq!(indices(0b1001_0000_0000_0101).collect::<Vec<_>>(), [0, 2, 12, 15]);
+        assert_eq!([0, 3].map(|group| of_group(0b1001_0000_0000_0101, group)), [0b0101, 0b1001]);
     }
 
     #[test]
