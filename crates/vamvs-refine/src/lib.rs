@@ -51,6 +51,7 @@ pub use source::MOST_SOURCES;
 use field::{Field, State};
 use geometry::Geometry;
 use matcher::Matcher;
+use plane::Plane;
 use sweep::sweep_from;
 
 /// What refining takes for each pixel that is refined at once, bytes: planes, and images of the reference view and its
@@ -146,10 +147,12 @@ fn refined_whole(problem: &Problem<'_>, seed: &DepthMap) -> Refined {
     let (mut field, guesses, matcher) = solve::solve(problem, seed);
     let ratio = (matcher.image.size.width / guesses.width().max(1)).max(1);
     let seed = |x: usize, y: usize| {
-        let guess = &guesses[((x / ratio).min(guesses.width() - 1), (y / ratio).min(guesses.height() - 1))];
-        (guess.trusted(), confidence::UNMATCHED * guess.confidence.max(0.0))
+        let cell = ((x / ratio).min(guesses.width() - 1), (y / ratio).min(guesses.height() - 1));
+        let guess = &guesses[cell];
+        let plane = guess.trusted().enlarged(ratio as f32, cell, (x, y));
+        (plane, confidence::UNMATCHED * guess.confidence.max(0.0))
     };
-    finish(&mut field, &matcher);
+    finish(&mut field, &matcher, seed);
     let camera = source::reduced(&reference.camera, solve::last_level(options));
     refined::refined((camera, reference.cam_from_world), &field, &matcher, seed)
 }
@@ -210,12 +213,12 @@ fn refined_again(problem: &Problem<'_>, first: &Surface<'_>, depths: &[Option<&D
     };
     let mut field =
         if is_half { solve::enlarged(&planes, &matcher) } else { sweep_from(&matcher, own, |_, _, _| ()) };
-    finish(&mut field, &matcher);
     let ratio = if is_half { 2 } else { 1 };
     let inside = |at: usize, count: usize| (at / ratio).min(count - 1);
     let confidence =
         |x: usize, y: usize| first.map.confidence[(inside(x, found.width), inside(y, found.height))];
-    let seed = |x: usize, y: usize| (own(x, y).w, confidence(x, y));
+    let seed = |x: usize, y: usize| (own(x, y), confidence(x, y));
+    finish(&mut field, &matcher, seed);
     refined::refined((reference.camera, reference.cam_from_world), &field, &matcher, seed)
 }
 
@@ -240,8 +243,8 @@ fn check_size(what: &'static str, expected: Size, found: Size) -> Result<(), Ref
     if expected == found { Ok(()) } else { Err(RefineError::Size { what, expected, found }) }
 }
 
-/// Smooths the planes and removes speckles, small isolated pieces of surface.
-fn finish(field: &mut Field, matcher: &Matcher) {
+/// Smooths the planes and gives speckles, small isolated pieces of surface, the seed's planes back.
+fn finish(field: &mut Field, matcher: &Matcher, seed: impl Fn(usize, usize) -> (Plane, f32)) {
     let mut steps = Grid::filled(field.size(), 0.0);
     steps.data_mut().par_chunks_exact_mut(field.size().width.max(1)).enumerate().for_each(|(y, row)| {
         for (x, step) in row.iter_mut().enumerate() {
@@ -249,26 +252,5 @@ fn finish(field: &mut Field, matcher: &Matcher) {
         }
     });
     smooth::smooth(field, &steps, matcher.isa);
-    remove_speckles(field, &steps, matcher.options.speckle);
-}
-
-/// Removes connected pieces of fewer than `least` pixels. Two neighbouring pixels are connected if their planes
-/// differ by less than a pixel of disparity.
-fn remove_speckles(field: &mut Field, steps: &Grid<f32>, least: usize) {
-    let size = field.size();
-    let at = |place: usize| (place % size.width, place / size.width);
-    let joined = |a: usize, b: usize| {
-        let ((ax, ay), (bx, by)) = (at(a), at(b));
-        let (first, second) = (&field.at(ax, ay).plane, &field.at(bx, by).plane);
-        let (dx, dy) = (bx as f32 - ax as f32, by as f32 - ay as f32);
-        let gap =
-            (first.seen_from(dx, dy).w - second.w).abs().min((second.seen_from(-dx, -dy).w - first.w).abs());
-        gap < steps[(ax, ay)]
-    };
-    let has_depth = |place: usize| field.at(at(place).0, at(place).1).plane.w > 0.0;
-    let small = speckle::small_pieces(size, least, has_depth, joined);
-    for place in small {
-        let (x, y) = at(place);
-        field.at_mut(x, y).plane.w = 0.0;
-    }
+    speckle::replace_speckles(field, &steps, matcher.options.speckle, |x, y| seed(x, y).0);
 }

@@ -33,7 +33,7 @@ pub struct RefineOptions {
     pub geometric: f32,
     /// The limit of that error, pixels: larger errors cost no more.
     pub geometric_reach: f32,
-    /// Connected pieces of fewer pixels are removed.
+    /// Connected pieces of fewer pixels are speckles: they get the seed's planes back.
     pub speckle: usize,
     /// Side of a tile, pixels, a multiple of 4. Photographs with more than four times the pixels of a tile are refined
     /// tile by tile, so that memory does not grow with their size.

@@ -23,11 +23,13 @@ impl Plane {
         Self { w: self.w + self.gx * dx + self.gy * dy, ..*self }
     }
 
-    /// The same plane in an image of twice the size, seen from `dx`, `dy` pixels of that image beside the same
-    /// point.
+    /// The same plane in an image of `ratio` times the size, as the pixel `to` of that image sees it; the plane
+    /// belongs to the pixel `from`.
     #[inline]
-    pub fn doubled(&self, dx: f32, dy: f32) -> Self {
-        Self { gx: 0.5 * self.gx, gy: 0.5 * self.gy, ..*self }.seen_from(dx, dy)
+    pub fn enlarged(&self, ratio: f32, from: (usize, usize), to: (usize, usize)) -> Self {
+        let offset = |from: usize, to: usize| to as f32 + 0.5 - ratio * (from as f32 + 0.5);
+        Self { gx: self.gx / ratio, gy: self.gy / ratio, ..*self }
+            .seen_from(offset(from.0, to.0), offset(from.1, to.1))
     }
 
     /// The plane's unit normal in the camera's frame, towards the camera; `(x, y)` is the centre of the pixel.
@@ -67,9 +69,12 @@ mod tests {
     }
 
     #[test]
-    fn doubling_the_image_keeps_the_plane() {
+    fn enlarging_the_image_keeps_the_plane() {
         let plane = Plane { w: 0.5, gx: 0.01, gy: -0.02 };
-        let double = plane.doubled(-0.5, 0.5);
+        let double = plane.enlarged(2.0, (7, 3), (14, 7));
         assert_eq!(double, Plane { w: 0.5 - 0.0025 - 0.005, gx: 0.005, gy: -0.01 });
+        // The centre of pixel 13 lies 1.5 pixels of the larger image left of the centre of pixel 7 · 2 + 1 / 2.
+        let fourfold = plane.enlarged(4.0, (3, 3), (12, 13));
+        assert_eq!(fourfold, Plane { w: 0.5 - 1.5 * 0.0025 + 0.5 * 0.005, gx: 0.0025, gy: -0.005 });
     }
 }

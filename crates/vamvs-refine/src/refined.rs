@@ -109,13 +109,13 @@ struct Outcome {
     features: Features,
 }
 
-/// The result of a field. `seed(x, y)` gives the seed's inverse depth and confidence at a pixel, both 0 where it has
+/// The result of a field. `seed(x, y)` gives the seed's plane and confidence at a pixel; w = 0 and 0 where it has
 /// none.
 pub(crate) fn refined(
     (camera, cam_from_world): (Pinhole, Pose),
     field: &Field,
     matcher: &Matcher,
-    seed: impl Fn(usize, usize) -> (f32, f32) + Sync,
+    seed: impl Fn(usize, usize) -> (Plane, f32) + Sync,
 ) -> Refined {
     let size = field.size();
     let mut outcomes = Grid::filled(size, Outcome::default());
@@ -143,7 +143,7 @@ fn pixel(
     state: &State,
     matcher: &Matcher,
     (x, y): (usize, usize),
-    (seed_w, seed_confidence): (f32, f32),
+    (seed, seed_confidence): (Plane, f32),
 ) -> Option<Outcome> {
     let plane = state.plane;
     if plane.w <= 0.0 {
@@ -151,7 +151,7 @@ fn pixel(
     }
     let pixel = matcher.pixel(x, y, plane.w, 0.0)?;
     let share = |count: f32| count / matcher.sources.len() as f32;
-    let moved = if seed_w > 0.0 { (plane.w - seed_w).abs() / pixel.step } else { -1.0 };
+    let moved = if seed.w > 0.0 { (plane.w - seed.w).abs() / pixel.step } else { -1.0 };
     let features = Features {
         correlation: state.correlation,
         texture: pixel.window.variance.sqrt(),

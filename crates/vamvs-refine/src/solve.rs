@@ -38,7 +38,7 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
     let matcher = self::matcher(problem, first);
     let guesses = Seed::new(seed).guesses(&matcher.image, &reduced(&problem.reference.camera, first));
     let mut field = search(&matcher, &guesses);
-    let prior = |x: usize, y: usize| guesses[(x, y)].trusted();
+    let prior = |x: usize, y: usize| guesses[(x, y)].trusted().w;
     for _ in 0..problem.options.sweeps {
         sweep(&mut field, &matcher, prior);
     }
@@ -70,7 +70,7 @@ fn search(matcher: &Matcher, guesses: &Grid<Guess>) -> Field {
         if guess.plane.w <= 0.0 {
             return nothing;
         }
-        let Some(pixel) = matcher.pixel(x, y, guess.plane.w, guess.trusted()) else { return nothing };
+        let Some(pixel) = matcher.pixel(x, y, guess.plane.w, guess.trusted().w) else { return nothing };
         let mut state = State::unjudged(guess.plane);
         let reach = matcher.options.search as i32;
         consider(&pixel, guess.plane, &mut state);
@@ -88,9 +88,9 @@ fn search(matcher: &Matcher, guesses: &Grid<Guess>) -> Field {
 }
 
 impl Guess {
-    /// The inverse depth where the seed itself has one; 0 where it was filled in.
-    pub fn trusted(&self) -> f32 {
-        if self.confidence >= 0.0 { self.plane.w } else { 0.0 }
+    /// The plane where the seed itself has a depth; none (w = 0) where it was filled in.
+    pub fn trusted(&self) -> Plane {
+        if self.confidence >= 0.0 { self.plane } else { Plane::default() }
     }
 }
 
@@ -98,12 +98,7 @@ impl Guess {
 pub(crate) fn parent(coarse: &Field, x: usize, y: usize) -> (Plane, (usize, usize)) {
     let size = coarse.size();
     let (px, py) = ((x / 2).min(size.width - 1), (y / 2).min(size.height - 1));
-    (seen_below(coarse, (px, py), (x, y)), (px, py))
-}
-
-fn seen_below(coarse: &Field, (px, py): (usize, usize), (x, y): (usize, usize)) -> Plane {
-    let offset = |at: usize, parent: usize| at as f32 + 0.5 - (2 * parent + 1) as f32;
-    coarse.at(px, py).plane.doubled(offset(x, px), offset(y, py))
+    (coarse.at(px, py).plane.enlarged(2.0, (px, py), (x, y)), (px, py))
 }
 
 /// The planes at twice the resolution: each pixel begins with the best plane of the four nearest coarse pixels.
@@ -117,7 +112,7 @@ pub(crate) fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
         };
         let (qx, qy) = (beside(x, px, size.width), beside(y, py, size.height));
         for place in [(qx, py), (px, qy), (qx, qy)] {
-            let plane = seen_below(coarse, place, (x, y));
+            let plane = coarse.at(place.0, place.1).plane.enlarged(2.0, place, (x, y));
             if plane.w > 0.0 && (plane.w - own.w).abs() > APART * pixel.step {
                 consider(pixel, plane, state);
             }

@@ -1,10 +1,38 @@
-//! Speckles: small connected pieces of a depth map.
+//! Speckles: small connected pieces of surface.
 
 use vamvs_core::{Grid, Size};
 
+use crate::field::{Field, State};
+use crate::plane::Plane;
+
+/// Replaces connected pieces of fewer than `least` pixels by the planes of the seed, without a correlation. Two
+/// neighbouring pixels are connected if their planes differ by less than a pixel of disparity, `steps`.
+pub(crate) fn replace_speckles(
+    field: &mut Field,
+    steps: &Grid<f32>,
+    least: usize,
+    seed: impl Fn(usize, usize) -> Plane,
+) {
+    let size = field.size();
+    let at = |place: usize| (place % size.width, place / size.width);
+    let joined = |a: usize, b: usize| {
+        let ((ax, ay), (bx, by)) = (at(a), at(b));
+        let (first, second) = (&field.at(ax, ay).plane, &field.at(bx, by).plane);
+        let (dx, dy) = (bx as f32 - ax as f32, by as f32 - ay as f32);
+        let gap =
+            (first.seen_from(dx, dy).w - second.w).abs().min((second.seen_from(-dx, -dy).w - first.w).abs());
+        gap < steps[(ax, ay)]
+    };
+    let has_depth = |place: usize| field.at(at(place).0, at(place).1).plane.w > 0.0;
+    for place in small_pieces(size, least, has_depth, joined) {
+        let (x, y) = at(place);
+        *field.at_mut(x, y) = State::unjudged(seed(x, y));
+    }
+}
+
 /// The pixels of all connected pieces of fewer than `least` pixels, as indices into the row-major grid. Two
 /// neighbouring pixels with depth are connected if `joined(a, b)` holds for their indices.
-pub(crate) fn small_pieces(
+fn small_pieces(
     size: Size,
     least: usize,
     has_depth: impl Fn(usize) -> bool,
@@ -49,6 +77,30 @@ fn neighbours(size: Size, pixel: usize) -> impl Iterator<Item = usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn speckles_get_the_planes_of_the_seed() {
+        let flat = |w: f32| Plane { w, gx: 0.0, gy: 0.0 };
+        // A piece of 2 pixels and one of 6, on a surface that rises by less than a step from pixel to pixel.
+        let inverse_depth = |x: usize, y: usize| match (x, y) {
+            (2..=3, 2) => 9.0,
+            (6..=8, 5..=6) => 5.0,
+            (0, 0) => 0.0,
+            _ => 1.0 + 0.05 * x as f32,
+        };
+        let state = |x, y| State { correlation: 0.9, ..State::unjudged(flat(inverse_depth(x, y))) };
+        let size = Size::new(12, 9);
+        let (mut field, steps) = (Field::new(size, state), Grid::filled(size, 0.1));
+        replace_speckles(&mut field, &steps, 5, |x, _| if x == 2 { flat(3.0) } else { Plane::default() });
+        for (x, y) in (0..9).flat_map(|y| (0..12).map(move |x| (x, y))) {
+            let (plane, correlation) = (field.at(x, y).plane, field.at(x, y).correlation);
+            match (x, y) {
+                (2, 2) => assert_eq!((plane, correlation), (flat(3.0), 0.0)),
+                (3, 2) => assert_eq!((plane, correlation), (Plane::default(), 0.0)),
+                _ => assert_eq!((plane, correlation), (flat(inverse_depth(x, y)), 0.9)),
+            }
+        }
+    }
 
     #[test]
     fn pieces_are_told_by_their_size() {

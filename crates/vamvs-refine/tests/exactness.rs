@@ -4,7 +4,7 @@ mod common;
 
 use common::{HERE, Set, disparity, enlarged, median, render, seed, sources};
 use nalgebra::Vector3;
-use vamvs_core::{DepthMap, DepthRange, Grid, Planes};
+use vamvs_core::{DepthMap, DepthRange, Grid, Planes, Size};
 use vamvs_refine::{RefineOptions, Refined, plane_sweep, refine, refine_geometric};
 
 fn refined(set: &Set) -> Refined {
@@ -102,6 +102,32 @@ fn a_first_pass_at_half_the_size_leads_to_the_same_plane() {
     let errors: Vec<f64> = errors(&set, &second.map.depth, 16).iter().map(|error| 2.0 * error).collect();
     println!("median {:.4} px, above a pixel {:.4}", median(errors.clone()), share_above(&errors, 1.0));
     assert!(median(errors.clone()) < 0.05 && share_above(&errors, 1.0) < 0.005);
+}
+
+#[test]
+fn where_nothing_matches_the_seed_stays() {
+    let mut set = render(common::plane, HERE);
+    let mut state = 1_u32;
+    for photo in &mut set.photos {
+        for pixel in photo.image.data_mut() {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            *pixel = [(state >> 24) as u8; 3];
+        }
+    }
+    let mut seed = common::true_map(common::plane, &set.photos[0], Size::new(24, 18));
+    seed.depth.row_mut(9).fill(0.0);
+    let options = RefineOptions::default();
+    let result = refine(&set.photos[0], &sources(&set), &seed, &[], &options).unwrap();
+    // The seed's confidence is 1.
+    let kept = |place: (usize, usize)| {
+        disparity(result.map.depth[place], set.depth[place]) < 0.05 && result.map.confidence[place] <= 0.5
+    };
+    let of_rows = |rows: std::ops::Range<usize>| rows.flat_map(|y| (0..192).map(move |x| (x, y)));
+    let count = of_rows(0..72).filter(|&place| kept(place)).count();
+    println!("the seed's plane at {:.3} of the pixels", count as f64 / (72.0 * 192.0));
+    assert!(of_rows(0..72).all(|place| result.map.depth[place] > 0.0) && count * 10 > 72 * 192 * 6);
+    // Where the seed has no depth either, there is none to give back.
+    assert!(of_rows(72..80).any(|place| result.map.depth[place] == 0.0));
 }
 
 #[test]
