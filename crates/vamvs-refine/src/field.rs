@@ -16,7 +16,7 @@ pub(crate) struct State {
     pub energy: f32,
     /// The mean correlation of the source views that match it best.
     pub correlation: f32,
-    /// The source views that match it best.
+    /// The source views that match it best; none if it was not matched itself.
     pub best: Views,
     /// Whether the last Gauss–Newton step was negligible or did not lower the energy.
     pub settled: bool,
@@ -32,6 +32,11 @@ impl State {
     pub fn new(plane: Plane, judged: Judged) -> Self {
         let Judged { energy, correlation, best } = judged;
         Self { plane, energy, correlation, best, settled: false }
+    }
+
+    /// Whether the plane is the mean of its neighbours' and was not matched itself.
+    pub fn is_between(&self) -> bool {
+        self.best == 0 && self.energy < IMPOSSIBLE
     }
 
     /// The energy that another plane must fall below, with the views it was measured in.
@@ -69,11 +74,11 @@ impl Row<'_> {
     }
 }
 
-impl Colour<'_> {
+impl<'a> Colour<'a> {
     /// The state of the pixel at `(x, y) + offset`, which must be of this colour; `None` if it is outside of the
     /// image or has no plane.
     #[inline]
-    pub fn neighbour(&self, (x, y): (usize, usize), offset: (i32, i32)) -> Option<&State> {
+    pub fn neighbour(self, (x, y): (usize, usize), offset: (i32, i32)) -> Option<&'a State> {
         let (x, y) = (x.wrapping_add_signed(offset.0 as isize), y.wrapping_add_signed(offset.1 as isize));
         let inside = x < self.size.width && y < self.size.height;
         let state = inside.then(|| &self.states[y * self.stride + x / 2])?;

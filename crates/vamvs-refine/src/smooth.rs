@@ -8,7 +8,7 @@ use crate::isa::{Isa, for_each_isa};
 use crate::plane::Plane;
 
 /// Radius of the window, pixels.
-const RADIUS: usize = 3;
+const RADIUS: usize = 4;
 
 /// Difference in disparity at which a neighbour has a quarter of its weight, pixels.
 const SAME: f32 = 0.3;

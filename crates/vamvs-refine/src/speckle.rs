@@ -1,5 +1,6 @@
 //! Speckles: small connected pieces of surface.
 
+use rayon::prelude::*;
 use vamvs_core::{Grid, Size};
 
 use crate::field::{Field, State};
@@ -31,13 +32,14 @@ pub(crate) fn replace_speckles(
 }
 
 /// The pixels of all connected pieces of fewer than `least` pixels, as indices into the row-major grid. Two
-/// neighbouring pixels with depth are connected if `joined(a, b)` holds for their indices.
+/// neighbouring pixels with depth are connected if `joined(a, b)` holds for their indices, a < b.
 fn small_pieces(
     size: Size,
     least: usize,
-    has_depth: impl Fn(usize) -> bool,
-    joined: impl Fn(usize, usize) -> bool,
+    has_depth: impl Fn(usize) -> bool + Sync,
+    joined: impl Fn(usize, usize) -> bool + Sync,
 ) -> Vec<usize> {
+    let joints = joints(size, |a, b| has_depth(a) && has_depth(b) && joined(a, b));
     let mut seen = Grid::filled(size, false);
     let (mut small, mut piece, mut front) = (Vec::new(), Vec::new(), Vec::new());
     for start in 0..size.area() {
@@ -49,8 +51,8 @@ fn small_pieces(
         front.push(start);
         while let Some(pixel) = front.pop() {
             piece.push(pixel);
-            for other in neighbours(size, pixel) {
-                if !seen.data()[other] && has_depth(other) && joined(pixel, other) {
+            for other in neighbours(&joints, pixel) {
+                if !seen.data()[other] {
                     seen.data_mut()[other] = true;
                     front.push(other);
                 }
@@ -63,13 +65,27 @@ fn small_pieces(
     small
 }
 
-fn neighbours(size: Size, pixel: usize) -> impl Iterator<Item = usize> {
-    let (x, y) = (pixel % size.width, pixel / size.width);
+/// Whether each pixel is connected with the one to its right and with the one below.
+fn joints(size: Size, joined: impl Fn(usize, usize) -> bool + Sync) -> Grid<[bool; 2]> {
+    let mut joints = Grid::filled(size, [false; 2]);
+    joints.data_mut().par_chunks_exact_mut(size.width.max(1)).enumerate().for_each(|(y, row)| {
+        for (x, joint) in row.iter_mut().enumerate() {
+            let pixel = y * size.width + x;
+            let right = x + 1 < size.width && joined(pixel, pixel + 1);
+            *joint = [right, y + 1 < size.height && joined(pixel, pixel + size.width)];
+        }
+    });
+    joints
+}
+
+/// The pixels that are connected with this one.
+fn neighbours(joints: &Grid<[bool; 2]>, pixel: usize) -> impl Iterator<Item = usize> {
+    let (joint, width) = (joints.data(), joints.width());
     let beside = [
-        (x > 0).then(|| pixel - 1),
-        (x + 1 < size.width).then(|| pixel + 1),
-        (y > 0).then(|| pixel - size.width),
-        (y + 1 < size.height).then(|| pixel + size.width),
+        (pixel > 0 && joint[pixel - 1][0]).then(|| pixel - 1),
+        joint[pixel][0].then(|| pixel + 1),
+        (pixel >= width && joint[pixel - width][1]).then(|| pixel - width),
+        joint[pixel][1].then(|| pixel + width),
     ];
     beside.into_iter().flatten()
 }

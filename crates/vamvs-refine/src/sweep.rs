@@ -16,6 +16,15 @@ const DIRECTIONS: [[(i32, i32); 4]; 4] = [
     [(0, -1), (1, -2), (-1, -2), (0, -5)],
 ];
 
+/// The adjacent pixels. All of them have the other colour.
+const ADJACENT: [(i32, i32); 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
+
+/// Adjacent planes agree if their inverse depths at the pixel between them differ by less than this, pixels of disparity.
+const AGREE: f32 = 1.0;
+
+/// The pixel's own plane agrees with their mean if it is nearer than this, pixels of disparity.
+const NEAR: f32 = 3.0;
+
 /// A neighbour's plane is tried if it differs from the pixel's own by more than this over the window, pixels of disparity.
 /// Nearer ones would be the same surface with other noise.
 const OTHER: f32 = 3.0;
@@ -57,26 +66,34 @@ pub(crate) fn sweep(field: &mut Field, matcher: &Matcher, prior: impl Fn(usize, 
 /// Begins with the planes that `own` gives and those that `beside` tries, and sweeps once, with one Gauss–Newton step.
 /// The pixel's own plane is also the prior.
 ///
-/// The second colour begins first. The first one then begins and is swept in one visit, and most of its pixels see the
-/// same surface as their neighbours, in the same source views.
+/// The second colour begins. The first one takes the mean of the four adjacent planes where these agree, so that only
+/// half of the pixels of a smooth surface are matched; elsewhere it begins and is swept, and then the second colour beside
+/// it is.
 pub(crate) fn sweep_from(
     matcher: &Matcher,
     own: impl Fn(usize, usize) -> Plane + Sync,
     beside: impl Fn(&Pixel, (usize, usize), &mut State) + Sync,
 ) -> Field {
-    let pixel = |x: usize, y: usize| {
-        let plane = own(x, y);
-        if plane.w > 0.0 { Some((matcher.pixel(x, y, plane.w, plane.w)?, plane)) } else { None }
+    let pixel = |x: usize, y: usize, plane: &Plane| {
+        if plane.w > 0.0 { matcher.pixel(x, y, plane.w, plane.w) } else { None }
     };
     let mut field = Field::empty(matcher.image.size);
     field.update(1, |_, x, y, state| {
-        if let Some((pixel, plane)) = pixel(x, y) {
+        let plane = own(x, y);
+        if let Some(pixel) = pixel(x, y, &plane) {
             *state = State::new(plane, pixel.energy(&plane, None));
             beside(&pixel, (x, y), state);
+            from_sources(&pixel, matcher.groups.len(), state);
+            descend(&pixel, state, matcher.options.noise);
+            // It takes a second step only if another plane replaces it.
+            state.settled = true;
         }
     });
     field.update(0, |other, x, y, state| {
-        if let Some((pixel, plane)) = pixel(x, y) {
+        let plane = own(x, y);
+        if let Some(mean) = between(matcher, other, (x, y), &plane) {
+            *state = mean;
+        } else if let Some(pixel) = pixel(x, y, &plane) {
             let judged = match matched_best(other, (x, y)) {
                 Some(neighbour) => pixel.energy_like(&plane, neighbour),
                 None => pixel.energy(&plane, None),
@@ -87,18 +104,51 @@ pub(crate) fn sweep_from(
         }
     });
     field.update(1, |other, x, y, state| {
-        if let Some((pixel, _)) = pixel(x, y) {
+        if adjacent(other, (x, y)).all(State::is_between) {
+            return;
+        }
+        if let Some(pixel) = pixel(x, y, &own(x, y)) {
             improve(&pixel, other, (x, y), 1, state);
         }
     });
     field
 }
 
+/// The mean of the four adjacent planes, if they agree with each other and with the pixel's own plane.
+fn between(matcher: &Matcher, other: Colour, (x, y): (usize, usize), own: &Plane) -> Option<State> {
+    if own.w <= 0.0 || matcher.image.at(x, y) < 0.0 {
+        return None;
+    }
+    let (mean, range) = mean_of_adjacent(other, (x, y))?;
+    let step = matcher.step(x, y, own.w);
+    let agree = range < AGREE * step && (mean.plane.w - own.w).abs() < NEAR * step;
+    agree.then_some(mean)
+}
+
+/// The mean of the four adjacent planes as seen from the pixel, and the range of their inverse depths there.
+fn mean_of_adjacent(other: Colour, place: (usize, usize)) -> Option<(State, f32)> {
+    let mut mean = State { settled: true, ..State::default() };
+    let (mut least, mut most) = (f32::INFINITY, 0.0_f32);
+    for (dx, dy) in ADJACENT {
+        let neighbour = other.neighbour(place, (dx, dy))?;
+        let Plane { w, gx, gy } = neighbour.plane.seen_from(-dx as f32, -dy as f32);
+        (least, most) = (least.min(w), most.max(w));
+        let sum = mean.plane;
+        mean.plane = Plane { w: sum.w + 0.25 * w, gx: sum.gx + 0.25 * gx, gy: sum.gy + 0.25 * gy };
+        mean.energy += 0.25 * neighbour.energy;
+        mean.correlation += 0.25 * neighbour.correlation;
+    }
+    Some((mean, most - least))
+}
+
+/// The adjacent pixels that have a plane.
+fn adjacent<'a>(other: Colour<'a>, place: (usize, usize)) -> impl Iterator<Item = &'a State> {
+    ADJACENT.into_iter().filter_map(move |offset| other.neighbour(place, offset))
+}
+
 /// The energy of the adjacent pixel that matches best.
 fn matched_best(other: Colour, place: (usize, usize)) -> Option<Judged> {
-    let neighbours =
-        [(1, 0), (-1, 0), (0, 1), (0, -1)].into_iter().filter_map(|offset| other.neighbour(place, offset));
-    let best = neighbours.min_by(|a, b| a.energy.total_cmp(&b.energy))?;
+    let best = adjacent(other, place).min_by(|a, b| a.energy.total_cmp(&b.energy))?;
     (best.best != 0).then(|| best.judged())
 }
 
@@ -194,4 +244,33 @@ fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
         *state = State::new(plane, judged);
     }
     state.settled = !is_better;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vamvs_core::Size;
+
+    #[test]
+    fn the_mean_of_adjacent_planes_of_a_surface_is_its_plane() {
+        let inverse_depth = |x: usize, y: usize| 2.0 + 0.25 * x as f32 - 0.125 * y as f32;
+        let state = |x: usize, y: usize| {
+            let (gx, gy) = if x < 5 { (0.25, -0.125) } else { (0.0, 0.0) };
+            let w = if x < 5 { inverse_depth(x, y) } else { 1.0 };
+            State { energy: 0.2, correlation: 0.8, ..State::unjudged(Plane { w, gx, gy }) }
+        };
+        Field::new(Size::new(8, 6), state).update(0, |other, x, y, _| {
+            let found = mean_of_adjacent(other, (x, y));
+            let is_at_border = x == 0 || y == 0 || x == 7 || y == 5;
+            assert_eq!(found.is_none(), is_at_border);
+            let Some((mean, range)) = found else { return };
+            assert!((mean.energy - 0.2).abs() < 1e-6 && (mean.correlation - 0.8).abs() < 1e-6);
+            match x {
+                ..4 => assert_eq!((mean.plane, range), (state(x, y).plane, 0.0)),
+                4 => assert_eq!(range, inverse_depth(4, y) - 1.0),
+                5 => assert_eq!(range, inverse_depth(5, y) - 1.0),
+                _ => assert_eq!((mean.plane.w, range), (1.0, 0.0)),
+            }
+        });
+    }
 }
