@@ -18,7 +18,7 @@ pub(crate) struct State {
     pub correlation: f32,
     /// The source views that match it best; none if it was not matched itself.
     pub best: Views,
-    /// Whether the last Gauss–Newton step was negligible or did not lower the energy.
+    /// Whether no Gauss–Newton step is due: the last one was negligible or did not lower the energy, or it was the only one.
     pub settled: bool,
 }
 

@@ -83,8 +83,8 @@ pub(crate) fn sweep_from(
         if let Some(pixel) = pixel(x, y, &plane) {
             *state = State::new(plane, pixel.energy(&plane, None));
             beside(&pixel, (x, y), state);
-            from_sources(&pixel, matcher.groups.len(), state);
-            descend(&pixel, state, matcher.options.noise);
+            from_sources(&pixel, state);
+            descend(&pixel, state);
             // It takes a second step only if another plane replaces it.
             state.settled = true;
         }
@@ -155,9 +155,9 @@ fn matched_best(other: Colour, place: (usize, usize)) -> Option<Judged> {
 /// One turn of a pixel, with at most this many Gauss–Newton steps.
 fn improve(pixel: &Pixel, other: Colour, place: (usize, usize), steps: usize, state: &mut State) {
     propagate(pixel, other, place, state);
-    from_sources(pixel, pixel.matcher.groups.len(), state);
+    from_sources(pixel, state);
     for _ in 0..steps {
-        descend(pixel, state, pixel.matcher.options.noise);
+        descend(pixel, state);
     }
 }
 
@@ -184,9 +184,9 @@ fn propagate(pixel: &Pixel, other: Colour, place: (usize, usize), state: &mut St
 
 /// Takes the depth of a source view's own depth map if its energy is lower. Of source views that have the same depth,
 /// one proposes it.
-fn from_sources(pixel: &Pixel, groups: usize, state: &mut State) {
+fn from_sources(pixel: &Pixel, state: &mut State) {
     let (mut tried, mut most) = ([0.0; MOST_SOURCES], 0);
-    for group in 0..groups {
+    for group in 0..pixel.matcher.groups.len() {
         let Some(seen) = pixel.seen(group, &state.plane) else { return };
         let found = seen.w.to_array().into_iter().zip(seen.way.to_array());
         for (w, _) in found.filter(|(_, way)| way.is_finite()) {
@@ -218,12 +218,12 @@ pub(crate) fn consider(pixel: &Pixel, plane: Plane, state: &mut State) {
 }
 
 /// A Gauss–Newton step, taken if it lowers the energy in the views that have matched best.
-fn descend(pixel: &Pixel, state: &mut State, noise: f32) {
+fn descend(pixel: &Pixel, state: &mut State) {
     if state.settled {
         return;
     }
     let (matrix, vector) = pixel.normal(&state.plane, state.best);
-    let floor = noise * noise;
+    let floor = pixel.matcher.options.noise.powi(2);
     let damping = Vector3::new(DAMPING[0], DAMPING[1], DAMPING[1]) * floor;
     let Some(inverse) = (matrix + Matrix3::from_diagonal(&damping)).try_inverse() else { return };
     let step = inverse * vector;

@@ -59,7 +59,7 @@ fn a_step_stays_a_step() {
     println!("median {:.4} px, above a pixel {:.4}", median(errors.clone()), share_above(&errors, 1.0));
     assert!(median(errors.clone()) < 0.05);
     // A column is about 0.6 % of these pixels: errors reach about two columns from the edge.
-    assert!(share_above(&errors, 1.0) < 0.013);
+    assert!(share_above(&errors, 1.0) < 0.012);
 }
 
 #[test]
