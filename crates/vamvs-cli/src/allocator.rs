@@ -5,15 +5,37 @@
 //! not fit, so that the process holds twice what is in use. mimalloc reuses them, and returns to the system what
 //! nothing has used for a second.
 
+use std::ffi::c_long;
+use std::sync::OnceLock;
+
 use mimalloc::MiMalloc;
+use vamvs::memory::Allocator;
 
 #[global_allocator]
 static MIMALLOC: MiMalloc = MiMalloc;
 
-/// Lets the library return free memory to the system at once when it becomes scarce.
+/// `mi_option_purge_delay`, which the binding does not name: after how many milliseconds freed memory is returned to the
+/// system, −1 for never.
+const PURGE_DELAY: libmimalloc_sys::mi_option_t = 15;
+
+/// Lets the library return free memory to the system, or keep it.
 pub fn register() {
-    vamvs::memory::set_give_back(|| {
-        // SAFETY: it touches no block that is in use.
-        unsafe { libmimalloc_sys::mi_collect(true) }
-    });
+    // SAFETY: an option is read.
+    let delay = unsafe { libmimalloc_sys::mi_option_get(PURGE_DELAY) };
+    DELAY.get_or_init(|| delay);
+    vamvs::memory::set_allocator(Allocator { give_back, keep_freed });
+}
+
+/// The delay that the program began with.
+static DELAY: OnceLock<c_long> = OnceLock::new();
+
+fn give_back() {
+    // SAFETY: it touches no block that is in use.
+    unsafe { libmimalloc_sys::mi_collect(true) }
+}
+
+fn keep_freed(keep: bool) {
+    let delay = if keep { -1 } else { *DELAY.get().expect("it was registered") };
+    // SAFETY: mimalloc reads the option anew whenever memory is freed.
+    unsafe { libmimalloc_sys::mi_option_set(PURGE_DELAY, delay) }
 }

@@ -12,12 +12,13 @@ pub use parts::PartialFusion;
 
 use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
-use crate::memory::format_bytes;
+use crate::memory::{FreedIsKept, format_bytes};
 use crate::output::LeftOut;
 use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError, memory};
 
-/// One part in this many of the memory is spare, for what is not counted.
-const SPARE: u64 = 6;
+/// One part in this many of the memory is spare, for what is not counted: the program, and freed memory that was not
+/// used again.
+const SPARE: u64 = 3;
 
 /// The result of a fusion.
 #[derive(Clone, Debug)]
@@ -111,7 +112,10 @@ pub(crate) fn merge<S: MapSource + ?Sized>(
         done += 1;
         on_event(Event::Fusion { done, total })
     };
+    // Fusion frees rasters and makes others of the same size all the time; the system would clear their pages each time.
+    let kept = FreedIsKept::begin();
     let report = vamvs_fusion::fuse(&job, sink, &mut progress)?;
+    drop(kept);
     warn_of_memory(report.memory, memory, options.max_memory, on_event)?;
     Ok(report)
 }

@@ -121,18 +121,48 @@ pub fn resident_bytes() -> Option<u64> {
     system.process(id).map(sysinfo::Process::memory)
 }
 
-/// How the program's allocator returns free memory; of several calls the first counts.
-static GIVE_BACK: OnceLock<fn()> = OnceLock::new();
-
-/// Sets how the program's allocator returns its free memory to the system, which is done when memory becomes scarce. Without
-/// it, glibc's heap returns its own, and with another allocator nothing happens. The first call counts.
-pub fn set_give_back(give_back: fn()) {
-    GIVE_BACK.get_or_init(|| give_back);
+/// What the library asks of the program's allocator.
+#[derive(Clone, Copy, Debug)]
+pub struct Allocator {
+    /// Returns free memory to the system at once.
+    pub give_back: fn(),
+    /// Whether memory that is freed from now on stays with the process.
+    pub keep_freed: fn(bool),
 }
 
-/// Returns the heap's free memory to the system (see [`set_give_back`]).
+/// The program's allocator; of several calls the first counts.
+static ALLOCATOR: OnceLock<Allocator> = OnceLock::new();
+
+/// Tells the library about the program's allocator, which it asks to return free memory when memory becomes scarce, and to
+/// keep it during fusion. Without it, glibc's heap returns its free memory, and with another allocator nothing happens. The
+/// first call counts.
+pub fn set_allocator(allocator: Allocator) {
+    ALLOCATOR.get_or_init(|| allocator);
+}
+
+fn allocator() -> &'static Allocator {
+    ALLOCATOR.get_or_init(|| Allocator { give_back: trim, keep_freed: |_| () })
+}
+
+/// Returns the heap's free memory to the system (see [`set_allocator`]).
 pub(crate) fn give_back() {
-    GIVE_BACK.get_or_init(|| trim)();
+    (allocator().give_back)();
+}
+
+/// While it lives, freed memory stays with the process.
+pub(crate) struct FreedIsKept(());
+
+impl FreedIsKept {
+    pub fn begin() -> Self {
+        (allocator().keep_freed)(true);
+        Self(())
+    }
+}
+
+impl Drop for FreedIsKept {
+    fn drop(&mut self) {
+        (allocator().keep_freed)(false);
+    }
 }
 
 /// Returns the free memory of glibc's heap.
