@@ -16,8 +16,7 @@ pub(crate) const MIN_SIZE: usize = 64;
 pub struct DepthOptions {
     /// Longer side to which larger photographs are reduced, pixels: the size of refined depth maps.
     pub max_size: usize,
-    /// Longer side to which the network sees larger photographs reduced, pixels. For depth maps that are refined, vis-corr
-    /// sees smaller ones enlarged to it, at most twice.
+    /// Longer side to which the network sees larger photographs reduced, pixels.
     pub network_size: usize,
     /// Whether depth maps are refined to the size of their photographs, or stay at that of the network's last
     /// iteration.
@@ -65,7 +64,7 @@ impl Default for DepthOptions {
     fn default() -> Self {
         Self {
             max_size: 2000,
-            network_size: 1024,
+            network_size: 896,
             refine: true,
             geometric: true,
             enlarge: 1.0,

@@ -51,10 +51,7 @@ pub struct Photographs {
     max_size: usize,
     /// Longer side of the photographs that depth maps are refined to, pixels.
     full_size: usize,
-    /// Largest factor by which photographs are enlarged.
     enlarge: f64,
-    /// The same for those that depth maps are refined to.
-    full_enlarge: f64,
     /// The darkest and the brightest grey value that is not masked as backdrop.
     brightness: [u8; 2],
 }
@@ -79,13 +76,7 @@ impl Photographs {
         } = *options;
         let brightness = [min_brightness, max_brightness];
         let max_size = full_size.min(network_size);
-        Self { origin, max_size, full_size, enlarge, full_enlarge: enlarge, brightness }
-    }
-
-    /// The same photographs, of which the network sees smaller ones enlarged by up to `factor` at least.
-    #[must_use]
-    pub(crate) fn enlarged_for_network(self, factor: f64) -> Self {
-        Self { enlarge: self.enlarge.max(factor), ..self }
+        Self { origin, max_size, full_size, enlarge, brightness }
     }
 
     /// The same photographs, reduced to `max_size` pixels on the longer side.
@@ -97,7 +88,7 @@ impl Photographs {
     /// The same photographs, at the size to which depth maps are refined.
     #[must_use]
     pub fn full(&self) -> Self {
-        Self { max_size: self.full_size, enlarge: self.full_enlarge, ..self.clone() }
+        Self { max_size: self.full_size, ..self.clone() }
     }
 
     /// Longer side to which photographs are reduced for refined depth maps, pixels.
@@ -348,14 +339,6 @@ mod tests {
         assert_eq!(sized(1.0, Size::new(480, 640)), Size::new(480, 640));
         assert_eq!(sized(2.0, Size::new(3000, 2000)), Size::new(1280, 853));
         assert_eq!(sized(2.0, Size::new(480, 640)), Size::new(960, 1280));
-        let options = DepthOptions { network_size: 1024, ..DepthOptions::default() };
-        let photographs =
-            Photographs::new(Path::new("images"), Masks::None, &options).enlarged_for_network(2.0);
-        for (own, seen) in
-            [(Size::new(320, 240), Size::new(640, 480)), (Size::new(640, 480), Size::new(1024, 768))]
-        {
-            assert_eq!((photographs.working_size(own), photographs.full().working_size(own)), (seen, own));
-        }
         assert_eq!(sized(2.0, Size::new(800, 600)), Size::new(1280, 960));
     }
 }

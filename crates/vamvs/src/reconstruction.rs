@@ -133,8 +133,6 @@ impl Reconstruction {
         self.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
         let mut method = Method::new(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
         let photographs = Photographs::of(self.origin, &self.depth);
-        let enlarge = if self.depth.refine { method.enlarges_by() } else { 1.0 };
-        let photographs = photographs.enlarged_for_network(enlarge);
         let memory = method.memory(self.depth.max_memory);
         let fitted = (&mut method, memory);
         let (photographs, plan) =
