@@ -14,9 +14,12 @@ use vamvs::memory::Allocator;
 #[global_allocator]
 static MIMALLOC: MiMalloc = MiMalloc;
 
-/// `mi_option_purge_delay`, which the binding does not name: after how many milliseconds freed memory is returned to the
-/// system, −1 for never.
+/// `mi_option_purge_delay`, which the binding does not name: after how many milliseconds, times ten, freed memory is
+/// returned to the system.
 const PURGE_DELAY: libmimalloc_sys::mi_option_t = 15;
+
+/// The delay while freed memory is kept: ten minutes. Without any delay [`give_back`] would not return it either.
+const KEPT: c_long = 60_000;
 
 /// Lets the library return free memory to the system, or keep it.
 pub fn register() {
@@ -35,7 +38,7 @@ fn give_back() {
 }
 
 fn keep_freed(keep: bool) {
-    let delay = if keep { -1 } else { *DELAY.get().expect("it was registered") };
+    let delay = if keep { KEPT } else { *DELAY.get().expect("it was registered") };
     // SAFETY: mimalloc reads the option anew whenever memory is freed.
     unsafe { libmimalloc_sys::mi_option_set(PURGE_DELAY, delay) }
 }
