@@ -13,7 +13,7 @@ pub enum Quality {
     /// The defaults: vis-corr, both passes of refinement.
     #[default]
     Normal,
-    /// vis-max: a few more pixels right, for four times the time of normal.
+    /// vis-max, which sees photographs of 1024 pixels: the fewest outliers, for five times the time of normal.
     Best,
 }
 
@@ -36,7 +36,8 @@ impl Quality {
             Self::Draft => {
                 DepthOptions { max_size: 800, network_size: 640, geometric: false, ..DepthOptions::default() }
             }
-            Self::Normal | Self::Best => DepthOptions::default(),
+            Self::Normal => DepthOptions::default(),
+            Self::Best => DepthOptions { network_size: 1024, ..DepthOptions::default() },
         };
         let DepthOptions { max_size, network_size, refine, geometric, coarse_stride, iterations, .. } = own;
         DepthOptions {
