@@ -18,8 +18,12 @@ static MIMALLOC: MiMalloc = MiMalloc;
 /// returned to the system.
 const PURGE_DELAY: libmimalloc_sys::mi_option_t = 15;
 
-/// The delay while freed memory is kept: ten minutes. Without any delay [`give_back`] would not return it either.
+/// The delay while freed memory is kept: ten minutes. If freed memory were never returned, −1, [`give_back`] would
+/// return none either.
 const KEPT: c_long = 60_000;
+
+/// The delay that the program began with.
+static DELAY: OnceLock<c_long> = OnceLock::new();
 
 /// Lets the library return free memory to the system, or keep it.
 pub fn register() {
@@ -28,9 +32,6 @@ pub fn register() {
     DELAY.get_or_init(|| delay);
     vamvs::memory::set_allocator(Allocator { give_back, keep_freed });
 }
-
-/// The delay that the program began with.
-static DELAY: OnceLock<c_long> = OnceLock::new();
 
 fn give_back() {
     // SAFETY: it touches no block that is in use.

@@ -12,7 +12,7 @@ pub use parts::PartialFusion;
 
 use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
-use crate::memory::{FreedIsKept, format_bytes};
+use crate::memory::{format_bytes, keeping_freed};
 use crate::output::LeftOut;
 use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError, memory};
 
@@ -112,10 +112,7 @@ pub(crate) fn merge<S: MapSource + ?Sized>(
         done += 1;
         on_event(Event::Fusion { done, total })
     };
-    // Fusion frees rasters and makes others of the same size all the time; the system would clear their pages each time.
-    let kept = FreedIsKept::begin();
-    let report = vamvs_fusion::fuse(&job, sink, &mut progress)?;
-    drop(kept);
+    let report = keeping_freed(|| vamvs_fusion::fuse(&job, sink, &mut progress))?;
     warn_of_memory(report.memory, memory, options.max_memory, on_event)?;
     Ok(report)
 }

@@ -149,20 +149,13 @@ pub(crate) fn give_back() {
     (allocator().give_back)();
 }
 
-/// While it lives, freed memory stays with the process.
-pub(crate) struct FreedIsKept(());
-
-impl FreedIsKept {
-    pub fn begin() -> Self {
-        (allocator().keep_freed)(true);
-        Self(())
-    }
-}
-
-impl Drop for FreedIsKept {
-    fn drop(&mut self) {
-        (allocator().keep_freed)(false);
-    }
+/// Does work that frees large blocks and asks for others of the same size all the time. Meanwhile freed memory stays with the
+/// process; else the system would clear its pages each time.
+pub(crate) fn keeping_freed<R>(work: impl FnOnce() -> R) -> R {
+    (allocator().keep_freed)(true);
+    let result = work();
+    (allocator().keep_freed)(false);
+    result
 }
 
 /// Returns the free memory of glibc's heap.

@@ -14,7 +14,7 @@ use vamvs_fusion::{
 use super::part_files::{FrameReader, Kind, PartFiles, path};
 use super::{FuseSummary, Sink, warn_of_memory, with_own_confidence, working_memory, write_cloud};
 use crate::event::OnEvent;
-use crate::memory::FreedIsKept;
+use crate::memory::keeping_freed;
 use crate::{Event, ExportOptions, FusionOptions, Maps, VamvsError};
 
 /// Increased whenever a change gives other part files for the same depth maps.
@@ -69,9 +69,9 @@ impl<'a> PartialFusion<'a> {
             done += 1;
             on_event(Event::Fusion { done, total })
         };
-        let (job, kept) = (self.job(), FreedIsKept::begin());
-        let (views, memory) = vamvs_fusion::confirm(&job, &self.schedule, part, &mut progress)?;
-        drop(kept);
+        let job = self.job();
+        let confirm = || vamvs_fusion::confirm(&job, &self.schedule, part, &mut progress);
+        let (views, memory) = keeping_freed(confirm)?;
         let mut pixels = self.files.create(Kind::Pixels, part)?;
         views.iter().try_for_each(|view| pixels.push(&view))?;
         pixels.finish()?;
@@ -105,9 +105,9 @@ impl<'a> PartialFusion<'a> {
             let goes_on = !batch.is_last || on_event(Event::Fusion { done, total }).is_continue();
             if goes_on { Ok(()) } else { Err(FuseError::Cancelled) }
         };
-        let (job, kept) = (self.job(), FreedIsKept::begin());
-        let memory = vamvs_fusion::merge(&job, &self.schedule, part, (&pixels, &counts), &mut take)?;
-        drop(kept);
+        let job = self.job();
+        let merge = || vamvs_fusion::merge(&job, &self.schedule, part, (&pixels, &counts), &mut take);
+        let memory = keeping_freed(merge)?;
         file.finish()?;
         warn_of_memory(memory, job.memory, self.options.max_memory, on_event)?;
         Ok(true)
