@@ -170,6 +170,32 @@ class Conv3d(nn.Module):
         return F.relu(self.norm(self.conv(x)))
 
 
+def doubled(x: Tensor, weight: Tensor, bias: Optional[Tensor]) -> Tensor:
+    """As `F.conv_transpose3d(x, weight, bias, 2, 1, 1)` with a 3×3×3 kernel, on CPUs in half of the time. Along an axis
+    output 2k is w₁ x[k], and output 2k + 1 is w₂ x[k] + w₀ x[k + 1]: a 2×2×2 convolution gives all eight outputs of a
+    position as channels, which are then put in their places."""
+    c_in, c_out = weight.shape[0], weight.shape[1]
+    taps = torch.tensor([1, 3, 2, 0], device=weight.device)  # of outputs 2k and 2k + 1, the two taps each; 3: none
+    weight = F.pad(weight, [0, 1, 0, 1, 0, 1])
+    weight = weight.index_select(2, taps).index_select(3, taps).index_select(4, taps)
+    weight = weight.view(c_in, c_out, 2, 2, 2, 2, 2, 2).permute(1, 2, 4, 6, 0, 3, 5, 7).reshape(-1, c_in, 2, 2, 2)
+    if bias is not None:
+        bias = bias.repeat_interleave(8)
+    n, _, d, h, w = x.shape
+    places = conv3d(F.pad(x, [0, 1, 0, 1, 0, 1]), weight, bias, 1, [0, 0, 0]).reshape(n, c_out, 2, 2, 2, d, h, w)
+    return places.permute(0, 1, 5, 2, 6, 3, 7, 4).reshape(n, c_out, 2 * d, 2 * h, 2 * w)
+
+
+def to_one_channel(x: Tensor, weight: Tensor) -> Tensor:
+    """As `F.conv3d(x, weight, None, 1, [0, 1, 1])` of one sample with a 3×3×3 kernel to one channel, (1, C, D + 2, H, W) →
+    (1, 1, D, H, W), on CPUs in half of the time: a 2D convolution from the planes of all channels to the planes, because
+    libtorch computes eight channels where one is wanted."""
+    _, c, d, h, w = x.shape
+    of_plane = [F.pad(weight[0], [0, 0, 0, 0, first, d - 3 - first]) for first in range(d - 2)]
+    planes = torch.stack(of_plane).view(d - 2, c * d, 3, 3)
+    return F.conv2d(x.reshape(1, c * d, h, w), planes, None, 1, 1)[:, None]
+
+
 class Deconv3d(nn.Module):
     """Transposed 3×3×3 convolution that doubles each side: (B, C, D, H, W) → (B, C', 2D, 2H, 2W)."""
 
@@ -187,8 +213,5 @@ class Deconv3d(nn.Module):
                 n = self.norm
                 scale, shift = scale_shift(n.weight, n.bias, n.running_mean, n.running_var)
                 weight = self.conv.weight * scale[None, :, None, None, None]
-                if few(x):
-                    x, weight = x.transpose(2, 4), weight.transpose(2, 4)
-                    return F.conv_transpose3d(x, weight, shift, 2, 1, 1).relu_().transpose(2, 4)
-                return F.conv_transpose3d(x, weight, shift, 2, 1, 1).relu_()
+                return doubled(x, weight, shift).relu_()
         return F.relu(self.norm(self.conv(x)))

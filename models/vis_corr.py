@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from layers import Conv2d, Conv3d, Deconv3d, conv3d, normalised
+from layers import Conv2d, Conv3d, Deconv3d, conv3d, normalised, to_one_channel
 from va_point_mvsnet import POSITION_CHANNELS, FlowNet, padded
 
 GROUP = 4  # channels in a group
@@ -91,14 +91,64 @@ def planes_of(volume: Tensor, first: int, end: int) -> Tensor:
     return F.pad(inside, pad, mode="replicate") if max(pad) > 0 else inside
 
 
-class SmallVolumeNet(nn.Module):
-    """Cost-volume regularisation: a 3D U-Net most of which works at half the resolution and below:
-    (B, C, D, h, w) → (B, D, h, w)."""
+WIDTHS = (8, 16, 32, 64)  # channels of the volume at full resolution, 1/2, 1/4, 1/8
+
+
+class Gates(nn.Module):
+    """Factors for the channels of the volume, from the features of the reference view, so that regularisation follows
+    what the photograph shows (guided cost-volume excitation, Bangunharcana et al., IROS 2021): (B, C, h, w) → factors
+    (B, c, 1, h', w') from 0 to 2, at full resolution, 1/2, 1/4, 1/8, and once more at 1/2 and 1/4. h' and w' are
+    those of the padded volume. In an untrained network all are 1."""
 
     def __init__(self, channels: int, norm: str) -> None:
         super().__init__()
-        a, b, c, d = 8, 16, 32, 64
+        a, b, c, d = 16, 32, 48, 64
+        self.side1 = Conv2d(channels, a, 3, 1, norm)
+        self.side2 = Conv2d(channels, b, 4, 2, norm)
+        self.side4 = Conv2d(b, c, 4, 2, norm)
+        self.side8 = nn.Sequential(Conv2d(c, d, 4, 2, norm), Conv2d(d, d, 3, 1, norm))
+        self.up4, self.up2, self.up1 = nn.Conv2d(d, c, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, a, 1)
+        levels = zip((a, b, c, d, b, c), (*WIDTHS, *WIDTHS[1:3]))
+        self.heads = nn.ModuleList([nn.Conv2d(given, wanted, 1) for given, wanted in levels])
+        for head in self.heads:
+            nn.init.zeros_(head.weight)
+            nn.init.zeros_(head.bias)
+
+    def forward(self, reference: Tensor) -> list[Tensor]:
+        h, w = reference.shape[2], reference.shape[3]
+        reference = F.pad(reference, [0, -w % 8, 0, -h % 8], mode="replicate")
+        half = self.side2(reference)
+        quarter = self.side4(half)
+        eighth = self.side8(quarter)
+        quarter = F.relu(quarter + enlarged(self.up4(eighth)))
+        half = F.relu(half + enlarged(self.up2(quarter)))
+        full = F.relu(self.side1(reference) + enlarged(self.up1(half)))
+        levels = [full, half, quarter, eighth, half, quarter]
+        return [2.0 * torch.sigmoid(head(levels[i]))[:, :, None] for i, head in enumerate(self.heads)]
+
+
+class Residual3d(nn.Module):
+    """Two 3×3×3 convolutions beside the identity: (B, C, D, H, W) → the same shape. Untrained it is the identity."""
+
+    def __init__(self, channels: int, norm: str) -> None:
+        super().__init__()
+        self.first = Conv3d(channels, channels, 1, norm)
+        self.second = nn.Conv3d(channels, channels, 3, padding=1, bias=False)
+        nn.init.zeros_(self.second.weight)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + conv3d(self.first(x), self.second.weight, None, 1, [1, 1, 1])
+
+
+class SmallVolumeNet(nn.Module):
+    """Cost-volume regularisation: a 3D U-Net most of which works at half the resolution and below. Of the volume and
+    the features of the reference view: (1, C, D, h, w), (1, C', h, w) → (1, D, h, w)."""
+
+    def __init__(self, channels: int, context: int, norm: str) -> None:
+        super().__init__()
+        a, b, c, d = WIDTHS
         self.slab = SLAB
+        self.gates = Gates(context, norm)
         self.same = nn.Conv3d(channels, a, 1)
         self.scale2 = Conv3d(channels, b, 2, norm)
         self.scale2_same = Conv3d(b, b, 1, norm)
@@ -106,31 +156,35 @@ class SmallVolumeNet(nn.Module):
         self.scale4_same = Conv3d(c, c, 1, norm)
         self.scale8 = Conv3d(c, d, 2, norm)
         self.scale8_same = Conv3d(d, d, 1, norm)
+        self.deep4 = Residual3d(c, norm)
+        self.deep8 = nn.Sequential(Residual3d(d, norm), Residual3d(d, norm))
         self.up4 = Deconv3d(d, c, norm)
         self.up2 = Deconv3d(c, b, norm)
         self.up1 = Deconv3d(b, a, norm)
         self.last = nn.Conv3d(a, 1, 3, padding=1, bias=False)
 
-    def forward(self, volume: Tensor) -> Tensor:
+    def forward(self, volume: Tensor, reference: Tensor) -> Tensor:
         _, _, d, h, w = volume.shape
+        gates = self.gates(reference)
         if self.training or not self.scale2.batch:  # other normalisations than folded ones need the whole volume
             volume = padded(volume)
-            half = self.half(self.scale2(volume))
-            full = self.up1(half) + F.relu(self.beside(volume))
+            half = self.half(self.scale2(volume), gates)
+            full = (self.up1(half) + F.relu(self.beside(volume))) * gates[0]
             return self.last(full)[:, 0, :d, :h, :w]
         planes = d + -d % 8
         firsts = range(0, planes, self.slab)
-        half = self.half(torch.cat([self.halved(volume, first, min(first + self.slab, planes)) for first in firsts], dim=2))
-        slabs = [self.costs(volume, half, first, min(first + self.slab, planes)) for first in firsts]
+        halves = [self.halved(volume, first, min(first + self.slab, planes)) for first in firsts]
+        half = self.half(torch.cat(halves, dim=2), gates)
+        slabs = [self.costs(volume, half, gates[0], first, min(first + self.slab, planes)) for first in firsts]
         return torch.cat(slabs, dim=2)[:, 0, :d, :h, :w]
 
-    def half(self, half: Tensor) -> Tensor:
+    def half(self, half: Tensor, gates: list[Tensor]) -> Tensor:
         """The layers at half the resolution and below, on the output of `scale2`."""
-        half = self.scale2_same(half)
-        quarter = self.scale4_same(self.scale4(half))
-        eighth = self.scale8_same(self.scale8(quarter))
-        quarter = self.up4(eighth) + quarter
-        return self.up2(quarter) + half
+        half = self.scale2_same(half) * gates[1]
+        quarter = self.deep4(self.scale4_same(self.scale4(half)) * gates[2])
+        eighth = self.deep8(self.scale8_same(self.scale8(quarter)) * gates[3])
+        quarter = (self.up4(eighth) + quarter) * gates[5]
+        return (self.up2(quarter) + half) * gates[4]
 
     def halved(self, volume: Tensor, first: int, end: int) -> Tensor:
         """`scale2` of the planes `first..end` of a padded volume; both are even. It needs one plane before as a halo."""
@@ -141,12 +195,15 @@ class SmallVolumeNet(nn.Module):
         return conv3d(planes, weight, shift, 2, [0, 1, 1]).relu_()
 
     def beside(self, volume: Tensor) -> Tensor:
-        """The skip connection at full resolution, before its ReLU: the 1×1×1 convolution `same` as a matrix product,
-        which keeps the channels of a position contiguous in memory."""
-        weight = self.same.weight[:, :, 0, 0, 0]
-        return F.linear(volume.permute(0, 2, 3, 4, 1), weight, self.same.bias).permute(0, 4, 1, 2, 3)
+        """The skip connection at full resolution, before its ReLU, of one volume (1, C, D, h, w): the 1×1×1 convolution
+        `same` as a matrix product, whose result has the layout of the layers that it is added to."""
+        _, c, d, h, w = volume.shape
+        bias = self.same.bias
+        assert bias is not None
+        product = torch.addmm(bias[:, None], self.same.weight.view(-1, c), volume.reshape(c, -1))
+        return product.view(1, -1, d, h, w)
 
-    def costs(self, volume: Tensor, half: Tensor, first: int, end: int) -> Tensor:
+    def costs(self, volume: Tensor, half: Tensor, gate: Tensor, first: int, end: int) -> Tensor:
         """The last layers for the planes `first..end` of the padded volume only, so that their input at full resolution is never held as a
         whole. The last convolution needs one plane before and one after as a halo."""
         planes = volume.shape[2] + -volume.shape[2] % 8
@@ -154,10 +211,10 @@ class SmallVolumeNet(nn.Module):
         # Plane p of the upsampled volume is computed from plane p/2 or, if p is odd, (p − 1)/2 and (p + 1)/2.
         low_half, high_half = low // 2, min(high // 2 + 1, planes // 2)
         up = self.up1(half[:, :, low_half:high_half])[:, :, low - 2 * low_half : high - 2 * low_half]
-        full = up + self.beside(planes_of(volume, low, high)).relu_()
+        full = (self.beside(planes_of(volume, low, high)).relu_() + up).mul_(gate)
         if first == 0 or end == planes:
             full = F.pad(full, [0, 0, 0, 0, 1 if first == 0 else 0, 1 if end == planes else 0])
-        return conv3d(full, self.last.weight, None, 1, [0, 1, 1])
+        return to_one_channel(full, self.last.weight)
 
 
 class VisCorr(nn.Module):
@@ -179,6 +236,7 @@ class VisCorr(nn.Module):
                 "feature_stride": stride,
                 "coarse_stride": stride,
                 "coarse_alone": True,
+                "context": True,
                 "window": 2,
                 "neighbours": 16,
                 "hypotheses": 2,
@@ -190,10 +248,11 @@ class VisCorr(nn.Module):
                 "scores": {},
             }
         )
-        groups = (QUARTER if stride == 4 else EIGHTH) // GROUP
+        coarse = QUARTER if stride == 4 else EIGHTH
+        groups = coarse // GROUP
         fetched = (HALF + QUARTER + EIGHTH) // GROUP + QUARTER
         self.pyramid = Pyramid(norm)
-        self.volume = SmallVolumeNet(groups, norm)
+        self.volume = SmallVolumeNet(groups, coarse, norm)
         self.flow_net = FlowNet(fetched + POSITION_CHANNELS, norm, 2)
         self.seen = nn.Sequential(Conv2d(2 * groups, 16, 3, 1, norm), Conv2d(16, 16, 3, 1, norm), nn.Conv2d(16, 1, 1))
 
@@ -223,7 +282,11 @@ class VisCorr(nn.Module):
 
     @torch.jit.export
     def regularize(self, volume: Tensor) -> Tensor:
-        return self.volume(volume)
+        raise RuntimeError("vis-corr regularises a volume in the context of the reference view")
+
+    @torch.jit.export
+    def regularize_in_context(self, volume: Tensor, reference: Tensor) -> Tensor:
+        return self.volume(volume, reference)
 
     @torch.jit.export
     def relate_flow(self, ref: Tensor, src: Tensor) -> Tensor:

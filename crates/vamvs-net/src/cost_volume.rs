@@ -150,7 +150,7 @@ pub fn costs(
     let learns = network.mode() == Mode::Training || inputs.reference.coarse[inputs.level].requires_grad();
     if !network.manifest().slabs || learns {
         let CostVolume { volume, visibility } = profile.time(Stage::Sweep, || sweep(inputs, seen))?;
-        let costs = profile.time(Stage::Regularize, || network.regularize(&volume))?;
+        let costs = profile.time(Stage::Regularize, || regularize(inputs, &volume))?;
         return Ok(Costs { costs, visibility });
     }
     let sweep = Sweep::new(inputs)?;
@@ -163,6 +163,14 @@ pub fn costs(
     }
     drop(sweep); // what it holds is free for the layers that follow
     Ok(Costs { costs: profile.time(Stage::Regularize, || slabs.finish())?, visibility })
+}
+
+/// The regularised costs (1, D, h, w) of a whole volume (1, C', D, h, w) of these inputs; a low cost is likely.
+///
+/// # Errors
+/// If the module breaks its contract or memory runs out.
+pub fn regularize(inputs: &SweepInputs<'_>, volume: &Tensor) -> Result<Tensor, NetError> {
+    inputs.network.regularize(volume, &inputs.reference.coarse[inputs.level])
 }
 
 impl<'a> Sweep<'a> {

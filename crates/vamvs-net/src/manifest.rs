@@ -39,6 +39,10 @@ pub struct Manifest {
     /// vis-corr: whether `encode_coarse` gives the coarse features without the other levels of the pyramid.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub coarse_alone: bool,
+    /// vis-corr: whether the module has `regularize_in_context`, which also takes the coarse features of the reference
+    /// view, instead of `regularize`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub context: bool,
     /// vis-avg, vis-max: this many of the last channels of `relate` are averaged over the source views, whatever the
     /// aggregation of the others; not in the paper.
     #[serde(default, skip_serializing_if = "is_zero")]

@@ -259,7 +259,7 @@ impl Network {
         };
         self.check_averaged(volume_channels)?;
         let volume = Tensor::f_rand([1, volume_channels, planes, h, w], (Kind::Float, self.device))?;
-        let _costs = self.regularize(&volume)?;
+        let _costs = self.regularize(&volume, coarse)?;
         let mut first_layers = 0;
         if self.manifest.slabs {
             let mut slabs = Slabs::new(self, planes as usize);
@@ -385,14 +385,20 @@ impl Network {
         Ok(mask)
     }
 
-    /// Aggregated volume (1, C', D, h, w) → costs (1, D, h, w); a low cost is likely.
-    ///
-    /// # Errors
-    /// If the module breaks its contract or memory runs out.
-    pub fn regularize(&self, volume: &Tensor) -> Result<Tensor, NetError> {
+    /// Aggregated volume (1, C', D, h, w) and coarse features of the reference view (1, C, h, w), which are used if the
+    /// manifest has `context` → costs (1, D, h, w); a low cost is likely.
+    pub(crate) fn regularize(&self, volume: &Tensor, reference: &Tensor) -> Result<Tensor, NetError> {
         let (n, _, d, h, w) = volume.size5()?;
-        let costs = self.call("regularize", "(volume (B, C', D, h, w)) → (B, D, h, w)", &[volume])?;
-        self.check("regularize", &costs, &[Some(n), Some(d), Some(h), Some(w)])?;
+        let (method, expected, inputs): (_, _, &[&Tensor]) = match self.manifest.context {
+            true => (
+                "regularize_in_context",
+                "(volume (B, C', D, h, w), ref (B, C, h, w)) → (B, D, h, w)",
+                &[volume, reference],
+            ),
+            false => ("regularize", "(volume (B, C', D, h, w)) → (B, D, h, w)", &[volume]),
+        };
+        let costs = self.call(method, expected, inputs)?;
+        self.check(method, &costs, &[Some(n), Some(d), Some(h), Some(w)])?;
         Ok(costs)
     }
 

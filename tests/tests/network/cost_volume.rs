@@ -2,7 +2,7 @@
 
 use vamvs_core::Size;
 use vamvs_net::Profile;
-use vamvs_net::cost_volume::{SweepInputs, costs, sweep};
+use vamvs_net::cost_volume::{SweepInputs, costs, regularize, sweep};
 use vamvs_net::tch::{self, Kind, Tensor};
 use vamvs_tests::fixtures;
 
@@ -23,7 +23,7 @@ fn a_volume_that_is_never_whole_gives_the_costs_of_a_whole_one() {
             for count in [13, 24] {
                 let planes = planes(&views[0], count);
                 let whole = swept(&network, &encoded[0], &sources, &planes, level);
-                let expected = network.regularize(&sweep(&whole, None).unwrap().volume).unwrap();
+                let expected = regularize(&whole, &sweep(&whole, None).unwrap().volume).unwrap();
                 for slab_bytes in [1, 100_000, usize::MAX] {
                     let cut = SweepInputs { slab_bytes, ..whole };
                     let found = costs(&cut, None, &mut Profile::default()).unwrap().costs;
@@ -34,6 +34,25 @@ fn a_volume_that_is_never_whole_gives_the_costs_of_a_whole_one() {
             }
         });
     }
+}
+
+/// vis-corr regularises its volume in the context of the photograph: with the features of another one the costs differ.
+#[test]
+fn of_vis_corr_the_costs_depend_on_the_features_of_the_reference_view() {
+    let views = fixtures::still_life(Size::new(107, 85), 2);
+    let network = module("weights/vis-corr");
+    tch::no_grad(|| {
+        let encoded: Vec<_> = views.iter().map(|view| network.encode(&view.photo).unwrap()).collect();
+        let sources: Vec<_> = encoded[1..].iter().collect();
+        let planes = planes(&views[0], 24);
+        let inputs = swept(&network, &encoded[0], &sources, &planes, 0);
+        let volume = sweep(&inputs, None).unwrap().volume;
+        let with =
+            |view: usize| regularize(&SweepInputs { reference: &encoded[view], ..inputs }, &volume).unwrap();
+        let found = costs(&inputs, None, &mut Profile::default()).unwrap().costs;
+        assert!(found.allclose(&with(0), 1e-5, 1e-5, false));
+        assert!((with(1) - with(0)).abs().max().double_value(&[]) > 0.01);
+    });
 }
 
 /// The shipped vis-max takes the maximum over the source views of all channels but the last, which it averages.
