@@ -19,6 +19,7 @@ from va_point_mvsnet import POSITION_CHANNELS, FlowNet, padded
 GROUP = 4  # channels in a group
 HALF, QUARTER, EIGHTH = 16, 32, 32  # channels of the features at 1/2, 1/4, 1/8
 STRIDES = (4, 8)  # strides of the coarse features
+WIDTHS = (8, 16, 32, 64)  # channels of the volume at full resolution, 1/2, 1/4, 1/8
 SLAB = 16  # planes that go through the first and the last layers at once
 
 
@@ -89,9 +90,6 @@ def planes_of(volume: Tensor, first: int, end: int) -> Tensor:
     inside = volume[:, :, min(first, d - 1) : min(end, d)]
     pad = [0, -w % 8, 0, -h % 8, 0, end - first - inside.shape[2]]
     return F.pad(inside, pad, mode="replicate") if max(pad) > 0 else inside
-
-
-WIDTHS = (8, 16, 32, 64)  # channels of the volume at full resolution, 1/2, 1/4, 1/8
 
 
 class Gates(nn.Module):
