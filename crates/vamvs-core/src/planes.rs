@@ -84,6 +84,13 @@ impl Planes {
         Self { range, count, spacing: if wide { Spacing::InverseDepth } else { Spacing::Depth } }
     }
 
+    /// Planes of the same range, as many pixels apart in photographs that are smaller by `factor` (at most 1).
+    #[must_use]
+    pub fn for_smaller(&self, factor: f64) -> Self {
+        let count = (factor * self.count as f64).ceil() as usize;
+        Self { count: count.next_multiple_of(8).max(FEWEST).min(self.count), ..*self }
+    }
+
     /// The depths of all planes, nearest first.
     #[must_use]
     pub fn depths(&self) -> Vec<f64> {
@@ -136,6 +143,18 @@ mod tests {
         assert_eq!(planes(&aside, 2.0, 256).count, 208);
         assert_eq!(planes(&aside, 4.0, 64).count, 64);
         assert_eq!(planes(&here, 4.0, 64).count, FEWEST);
+    }
+
+    #[test]
+    fn smaller_photographs_need_fewer_planes() {
+        let range = DepthRange { near: 2.0, far: 10.0 };
+        let count = |count: usize, factor: f64| {
+            let planes = Planes { range, count, spacing: Spacing::Depth }.for_smaller(factor);
+            assert_eq!((planes.range, planes.spacing), (range, Spacing::Depth));
+            planes.count
+        };
+        assert_eq!([count(96, 0.5), count(96, 0.7), count(40, 0.5), count(20, 0.5)], [48, 72, FEWEST, 20]);
+        assert_eq!(count(96, 1.0), 96);
     }
 
     #[test]

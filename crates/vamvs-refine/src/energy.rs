@@ -131,10 +131,10 @@ impl Pixel<'_> {
         }
     }
 
-    /// Whether a plane is in front of the camera and not too steep.
+    /// Whether a plane is where the pixel's surface is sought, and not too steep.
     pub fn is_possible(&self, plane: &Plane) -> bool {
         let steepest = STEEPEST * self.step;
-        plane.w > 0.0 && plane.gx * plane.gx + plane.gy * plane.gy <= steepest * steepest
+        self.bounds.contain(plane.w) && plane.gx * plane.gx + plane.gy * plane.gy <= steepest * steepest
     }
 
     /// The energy of a plane over a given set of views.

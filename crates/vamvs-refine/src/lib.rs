@@ -52,6 +52,7 @@ use field::{Field, State};
 use geometry::Geometry;
 use matcher::Matcher;
 use plane::Plane;
+use seed::Bounds;
 use sweep::sweep_from;
 
 /// What refining takes for each pixel that is refined at once, bytes: planes, and images of the reference view and its
@@ -211,8 +212,12 @@ fn refined_again(problem: &Problem<'_>, first: &Surface<'_>, depths: &[Option<&D
     let own = |x: usize, y: usize| {
         if is_half { solve::parent(&planes, x, y).0 } else { planes.at(x, y).plane }
     };
-    let mut field =
-        if is_half { solve::enlarged(&planes, &matcher) } else { sweep_from(&matcher, own, |_, _, _| ()) };
+    let bounds = |_: usize, _: usize, _: f32| Bounds::NONE;
+    let mut field = if is_half {
+        solve::enlarged(&planes, &matcher, bounds)
+    } else {
+        sweep_from(&matcher, (own, bounds), |_, _, _| ())
+    };
     let ratio = if is_half { 2 } else { 1 };
     let inside = |at: usize, count: usize| (at / ratio).min(count - 1);
     let confidence =

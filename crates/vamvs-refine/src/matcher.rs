@@ -7,6 +7,7 @@ use crate::energy::HOPELESS;
 use crate::geometry::{Geometries, Geometry};
 use crate::isa::Isa;
 use crate::luminance::Padded;
+use crate::seed::Bounds;
 use crate::source::{MOST_SOURCES, Source};
 use crate::transfer::{Four, TOGETHER, Transfers};
 use crate::window::{Window, window};
@@ -46,6 +47,8 @@ pub(crate) struct Pixel<'a> {
     pub step: f32,
     /// The prior inverse depth; 0 if there is none.
     pub prior: f32,
+    /// Where its surface is sought.
+    pub bounds: Bounds,
     /// [`Transfers::rays`] of each group.
     pub rays: [[Four; 3]; MOST_GROUPS],
     /// What is added to each source's cost when the best sources are chosen.
@@ -106,7 +109,8 @@ impl<'a> Matcher<'a> {
             return None;
         }
         let window = window(&self.image, x, y, self.options.colour, self.isa);
-        Some(Pixel { matcher: self, x: px, y: py, window, step, prior, rays, handicaps })
+        let bounds = Bounds::NONE;
+        Some(Pixel { matcher: self, x: px, y: py, window, step, prior, bounds, rays, handicaps })
     }
 }
 

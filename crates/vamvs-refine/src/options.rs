@@ -17,9 +17,9 @@ pub struct RefineOptions {
     pub colour: f32,
     /// Noise of the photographs, grey values. Where a window has less contrast than that, the seed decides.
     pub noise: f32,
-    /// Depth is searched this far to both sides of the seed, in pixels of disparity at the first resolution: a half
-    /// or a quarter of the photograph's.
-    pub search: u32,
+    /// Depth is searched between the nearest and the farthest surface that the seed has around a pixel, and this far
+    /// beyond, pixels of disparity of the photograph ([`crate::refine`]).
+    pub beyond: f32,
     /// Number of sweeps over the image at the first resolution; each finer one has one sweep.
     pub sweeps: usize,
     /// The largest cost of departing from the seed, in correlation.
@@ -47,7 +47,7 @@ impl Default for RefineOptions {
             views: 2,
             colour: 20.0,
             noise: 1.0,
-            search: 4,
+            beyond: 1.0,
             sweeps: 2,
             prior: 0.07,
             prior_reach: 4.0,

@@ -21,6 +21,13 @@ const COLOUR: f32 = 10.0;
 /// A window shows more than one surface if its inverse depths differ by more than this share of the largest.
 const JUMP: f32 = 0.02;
 
+/// The inverse depths, all positive, between which the surface of a pixel is sought.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bounds {
+    farthest: f32,
+    nearest: f32,
+}
+
 /// The seed upsampled to a pixel of the photograph.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Guess {
@@ -30,6 +37,33 @@ pub(crate) struct Guess {
     pub ends: [f32; 2],
     /// The seed's confidence; −1 where it has no depth.
     pub confidence: f32,
+}
+
+impl Bounds {
+    /// Everywhere in front of the camera.
+    pub const NONE: Self = Self { farthest: 0.0, nearest: f32::INFINITY };
+
+    #[inline]
+    pub fn contain(&self, w: f32) -> bool {
+        w > 0.0 && w >= self.farthest && w <= self.nearest
+    }
+}
+
+impl Guess {
+    /// The plane where the seed itself has a depth; none (w = 0) where it was filled in.
+    pub fn trusted(&self) -> Plane {
+        if self.confidence >= 0.0 { self.plane } else { Plane::default() }
+    }
+
+    /// From the farthest to the nearest surface of the seed's window, and `beyond` (inverse depth) to both sides; everywhere
+    /// where the seed was filled in.
+    pub fn bounds(&self, beyond: f32) -> Bounds {
+        let [nearest, farthest] = self.ends;
+        if self.confidence < 0.0 {
+            return Bounds::NONE;
+        }
+        Bounds { farthest: farthest - beyond, nearest: nearest + beyond }
+    }
 }
 
 /// A seed with its holes filled.
@@ -211,5 +245,21 @@ impl Mapping {
     pub fn to_seed(&self, x: usize, y: usize) -> [f32; 2] {
         let [rx, ry] = self.ratio;
         [(x as f32 + 0.5) * rx + self.origin[0], (y as f32 + 0.5) * ry + self.origin[1]]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_surface_is_sought_between_those_of_the_seed_and_a_little_beyond() {
+        let seen = Guess { ends: [0.5, 0.2], confidence: 0.3, ..Guess::default() };
+        let bounds = seen.bounds(0.05);
+        assert!([0.16, 0.2, 0.4, 0.5, 0.54].iter().all(|&w| bounds.contain(w)));
+        assert!([0.14, 0.56].iter().all(|&w| !bounds.contain(w)));
+        let filled = Guess { confidence: -1.0, ..seen }.bounds(0.05);
+        assert!(filled.contain(1e-6) && filled.contain(1e6));
+        assert!(!filled.contain(0.0) && !seen.bounds(0.3).contain(-0.01), "behind the camera");
     }
 }

@@ -4,9 +4,9 @@ use vamvs_core::{DepthMap, Grid, Photo, Pinhole};
 
 use crate::field::{Field, State};
 use crate::luminance::{self, Padded};
-use crate::matcher::Matcher;
+use crate::matcher::{Matcher, Pixel};
 use crate::plane::Plane;
-use crate::seed::{Guess, Seed};
+use crate::seed::{Bounds, Guess, Seed};
 use crate::source::{Source, reduced};
 use crate::sweep::{consider, sweep, sweep_from};
 use crate::{Problem, RefineOptions};
@@ -37,15 +37,19 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
     let first = first_level(&problem.reference.camera, seed).max(last);
     let matcher = self::matcher(problem, first);
     let guesses = Seed::new(seed).guesses(&matcher.image, &reduced(&problem.reference.camera, first));
-    let mut field = search(&matcher, &guesses);
-    let prior = |x: usize, y: usize| guesses[(x, y)].trusted().w;
+    let beyond = |level: usize| problem.options.beyond / (1 << level) as f32;
+    let mut field = search(&matcher, &guesses, beyond(first));
     for _ in 0..problem.options.sweeps {
-        sweep(&mut field, &matcher, prior);
+        sweep(&mut field, |x, y, w| near_seed(&matcher, &guesses, (x, y, w), beyond(first)));
     }
     let mut matcher = matcher;
     for level in (last..first).rev() {
         matcher = self::matcher(problem, level);
-        field = enlarged(&field, &matcher);
+        let guess = |x: usize, y: usize| {
+            let inside = |at: usize, count: usize| (at >> (first - level)).min(count - 1);
+            &guesses[(inside(x, guesses.width()), inside(y, guesses.height()))]
+        };
+        field = enlarged(&field, &matcher, |x, y, step| guess(x, y).bounds(beyond(level) * step));
     }
     (field, guesses, matcher)
 }
@@ -62,36 +66,33 @@ fn first_level(camera: &Pinhole, seed: &DepthMap) -> usize {
     (ratio.log2().floor() as usize).clamp(1, MOST_LEVELS)
 }
 
-/// The best planes near the seed: steps in depth around its plane, and the surfaces beside it.
-fn search(matcher: &Matcher, guesses: &Grid<Guess>) -> Field {
+/// A pixel whose surface is sought near the seed, around inverse depth `w`.
+fn near_seed<'a>(
+    matcher: &'a Matcher<'a>,
+    guesses: &Grid<Guess>,
+    (x, y, w): (usize, usize, f32),
+    beyond: f32,
+) -> Option<Pixel<'a>> {
+    let guess = &guesses[(x, y)];
+    let pixel = matcher.pixel(x, y, w, guess.trusted().w)?;
+    Some(Pixel { bounds: guess.bounds(beyond * pixel.step), ..pixel })
+}
+
+/// The best planes of the seed: its likeliest surface, and those beside it.
+fn search(matcher: &Matcher, guesses: &Grid<Guess>, beyond: f32) -> Field {
     Field::new(matcher.image.size, |x, y| {
-        let guess = &guesses[(x, y)];
-        let nothing = State::unjudged(Plane::default());
-        if guess.plane.w <= 0.0 {
-            return nothing;
-        }
-        let Some(pixel) = matcher.pixel(x, y, guess.plane.w, guess.trusted().w) else { return nothing };
-        let mut state = State::unjudged(guess.plane);
-        let reach = matcher.options.search as i32;
-        consider(&pixel, guess.plane, &mut state);
-        for offset in (-reach..=reach).filter(|&offset| offset != 0) {
-            let w = guess.plane.w + offset as f32 * pixel.step;
-            consider(&pixel, Plane { w, ..guess.plane }, &mut state);
-        }
-        for w in guess.ends {
-            if (w - guess.plane.w).abs() > (reach as f32 + 0.5) * pixel.step {
+        let Guess { plane, ends, .. } = guesses[(x, y)];
+        let pixel = (plane.w > 0.0).then(|| near_seed(matcher, guesses, (x, y, plane.w), beyond)).flatten();
+        let Some(pixel) = pixel else { return State::unjudged(Plane::default()) };
+        let mut state = State::unjudged(plane);
+        consider(&pixel, plane, &mut state);
+        for w in ends {
+            if (w - plane.w).abs() > APART * pixel.step {
                 consider(&pixel, Plane { w, gx: 0.0, gy: 0.0 }, &mut state);
             }
         }
         state
     })
-}
-
-impl Guess {
-    /// The plane where the seed itself has a depth; none (w = 0) where it was filled in.
-    pub fn trusted(&self) -> Plane {
-        if self.confidence >= 0.0 { self.plane } else { Plane::default() }
-    }
 }
 
 /// The plane of the pixel at half the resolution that contains `(x, y)`, as seen from `(x, y)`, and that pixel.
@@ -102,10 +103,15 @@ pub(crate) fn parent(coarse: &Field, x: usize, y: usize) -> (Plane, (usize, usiz
 }
 
 /// The planes at twice the resolution: each pixel begins with the best plane of the four nearest coarse pixels.
-pub(crate) fn enlarged(coarse: &Field, matcher: &Matcher) -> Field {
+/// `bounds` are those of a pixel, given its [`Pixel::step`].
+pub(crate) fn enlarged(
+    coarse: &Field,
+    matcher: &Matcher,
+    bounds: impl Fn(usize, usize, f32) -> Bounds + Sync,
+) -> Field {
     let size = coarse.size();
     let own = |x: usize, y: usize| parent(coarse, x, y).0;
-    sweep_from(matcher, own, |pixel, (x, y), state| {
+    sweep_from(matcher, (own, bounds), |pixel, (x, y), state| {
         let (own, (px, py)) = parent(coarse, x, y);
         let beside = |at: usize, parent: usize, count: usize| {
             if at.is_multiple_of(2) { parent.saturating_sub(1) } else { (parent + 1).min(count - 1) }

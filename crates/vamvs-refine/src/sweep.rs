@@ -6,6 +6,7 @@ use crate::energy::Judged;
 use crate::field::{Colour, Field, State};
 use crate::matcher::{Matcher, Pixel};
 use crate::plane::Plane;
+use crate::seed::Bounds;
 use crate::source::MOST_SOURCES;
 
 /// The neighbours that propagate their planes, by direction. All of them have the other colour of the checkerboard.
@@ -48,15 +49,15 @@ const LONGEST: [f32; 2] = [1.0, 0.2];
 /// texture.
 const DAMPING: [f32; 2] = [0.1, 4.0];
 
-/// Improves all planes, those of one colour after those of the other. `prior` gives a pixel's prior inverse depth, 0
-/// for none. Planes that have settled are left alone unless another plane replaces them.
-pub(crate) fn sweep(field: &mut Field, matcher: &Matcher, prior: impl Fn(usize, usize) -> f32 + Sync) {
+/// Improves all planes, those of one colour after those of the other. `pixel(x, y, w)` gives a pixel around inverse depth
+/// `w`. Planes that have settled are left alone unless another plane replaces them.
+pub(crate) fn sweep<'a>(field: &mut Field, pixel: impl Fn(usize, usize, f32) -> Option<Pixel<'a>> + Sync) {
     for colour in 0..2 {
         field.update(colour, |other, x, y, state| {
             if state.plane.w <= 0.0 {
                 return;
             }
-            if let Some(pixel) = matcher.pixel(x, y, state.plane.w, prior(x, y)) {
+            if let Some(pixel) = pixel(x, y, state.plane.w) {
                 improve(&pixel, other, (x, y), 2, state);
             }
         });
@@ -64,18 +65,19 @@ pub(crate) fn sweep(field: &mut Field, matcher: &Matcher, prior: impl Fn(usize, 
 }
 
 /// Begins with the planes that `own` gives and those that `beside` tries, and sweeps once, with one Gauss–Newton step.
-/// The pixel's own plane is also the prior.
+/// The pixel's own plane is also the prior. `bounds` are those of a pixel, given its [`Pixel::step`].
 ///
 /// The second colour begins. The first one takes the mean of the four adjacent planes where these agree, so that only
 /// half of the pixels of a smooth surface are matched; elsewhere it begins and is swept, and then the second colour beside
 /// it is.
 pub(crate) fn sweep_from(
     matcher: &Matcher,
-    own: impl Fn(usize, usize) -> Plane + Sync,
+    (own, bounds): (impl Fn(usize, usize) -> Plane + Sync, impl Fn(usize, usize, f32) -> Bounds + Sync),
     beside: impl Fn(&Pixel, (usize, usize), &mut State) + Sync,
 ) -> Field {
     let pixel = |x: usize, y: usize, plane: &Plane| {
-        if plane.w > 0.0 { matcher.pixel(x, y, plane.w, plane.w) } else { None }
+        let pixel = if plane.w > 0.0 { matcher.pixel(x, y, plane.w, plane.w)? } else { return None };
+        Some(Pixel { bounds: bounds(x, y, pixel.step), ..pixel })
     };
     let mut field = Field::empty(matcher.image.size);
     field.update(1, |_, x, y, state| {

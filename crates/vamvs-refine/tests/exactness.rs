@@ -118,14 +118,16 @@ fn where_nothing_matches_the_seed_stays() {
     seed.depth.row_mut(9).fill(0.0);
     let options = RefineOptions::default();
     let result = refine(&set.photos[0], &sources(&set), &seed, &[], &options).unwrap();
-    // The seed's confidence is 1.
-    let kept = |place: (usize, usize)| {
-        disparity(result.map.depth[place], set.depth[place]) < 0.05 && result.map.confidence[place] <= 0.5
-    };
     let of_rows = |rows: std::ops::Range<usize>| rows.flat_map(|y| (0..192).map(move |x| (x, y)));
-    let count = of_rows(0..72).filter(|&place| kept(place)).count();
-    println!("the seed's plane at {:.3} of the pixels", count as f64 / (72.0 * 192.0));
-    assert!(of_rows(0..72).all(|place| result.map.depth[place] > 0.0) && count * 10 > 72 * 192 * 6);
+    // Noise leads nowhere: a pixel beyond what the seed has around is as far as the search goes.
+    let moved: Vec<f64> =
+        of_rows(0..72).map(|place| disparity(result.map.depth[place], set.depth[place])).collect();
+    let near = moved.iter().filter(|moved| **moved < 0.5).count() as f64 / moved.len() as f64;
+    println!("at most {:.3} px, below half a pixel {near:.3}", moved.iter().copied().fold(0.0, f64::max));
+    assert!(moved.iter().all(|moved| *moved < 2.0) && near > 0.8);
+    // The seed's confidence is 1.
+    let confidence = of_rows(0..72).map(|place| f64::from(result.map.confidence[place])).collect();
+    assert!(median(confidence) < 0.5);
     // Where the seed has no depth either, there is none to give back.
     assert!(of_rows(72..80).any(|place| result.map.depth[place] == 0.0));
 }

@@ -9,6 +9,15 @@ use crate::event::{OnEvent, tell};
 use crate::method::{Clock, Features};
 use crate::{Event, Method, Photographs, VamvsError};
 
+/// The size at which the method sees a photograph.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Seen {
+    /// As planned: a small one enlarged.
+    Planned,
+    /// A small one as it is.
+    AsItIs,
+}
+
 /// A photograph and its features.
 pub(crate) struct Encoded {
     pub photo: Photo,
@@ -31,7 +40,7 @@ pub(crate) struct FeatureCache<'a> {
     /// Time that reading photographs took.
     pub reading: Duration,
     /// Least recently used first.
-    kept: Vec<(usize, Rc<Encoded>)>,
+    kept: Vec<((usize, Seen), Rc<Encoded>)>,
     noted: Vec<bool>,
 }
 
@@ -48,27 +57,27 @@ impl<'a> FeatureCache<'a> {
         }
     }
 
-    /// The features of a view.
+    /// The features of a view at one size.
     pub fn get(
         &mut self,
-        view: usize,
+        (view, seen): (usize, Seen),
         clock: &mut Clock,
         on_event: &mut OnEvent<'_>,
     ) -> Result<Rc<Encoded>, VamvsError> {
-        if let Some(place) = self.kept.iter().position(|(kept, _)| *kept == view) {
+        if let Some(place) = self.kept.iter().position(|(kept, _)| *kept == (view, seen)) {
             let entry = self.kept.remove(place);
             self.kept.push(entry);
         } else {
-            let encoded = self.encode(view, clock, on_event)?;
+            let encoded = self.encode((view, seen), clock, on_event)?;
             self.make_room(encoded.bytes());
-            self.kept.push((view, Rc::new(encoded)));
+            self.kept.push(((view, seen), Rc::new(encoded)));
         }
         Ok(Rc::clone(&self.kept[self.kept.len() - 1].1))
     }
 
     /// Drops the features of all views but these.
     pub fn keep_only(&mut self, views: &[usize]) {
-        self.kept.retain(|(view, _)| views.contains(view));
+        self.kept.retain(|((view, _), _)| views.contains(view));
     }
 
     /// Drops all features.
@@ -78,14 +87,18 @@ impl<'a> FeatureCache<'a> {
 
     fn encode(
         &mut self,
-        view: usize,
+        (view, seen): (usize, Seen),
         clock: &mut Clock,
         on_event: &mut OnEvent<'_>,
     ) -> Result<Encoded, VamvsError> {
         let scene_view = &self.scene.views[view];
         let of_view = |error: VamvsError| error.of_view(&scene_view.name);
         let begin = Instant::now();
-        let (photo, note) = self.photographs.load(scene_view).map_err(of_view)?;
+        let photo = match seen {
+            Seen::Planned => self.photographs.load(scene_view),
+            Seen::AsItIs => self.photographs.as_they_are().load(scene_view),
+        };
+        let (photo, note) = photo.map_err(of_view)?;
         self.reading += begin.elapsed();
         if let Some(note) = note.filter(|_| !self.noted[view]) {
             self.noted[view] = true;

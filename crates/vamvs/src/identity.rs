@@ -56,7 +56,7 @@ impl<'a> Identity<'a> {
     ) -> String {
         let mut hasher = blake3::Hasher::new();
         let (max_size, enlarge) = (photographs.max_size(), photographs.enlarge());
-        let sized = format!("{} {max_size} {enlarge} {:?}", self.common, photographs.brightness());
+        let sized = format!("{} {max_size} {enlarge:?} {:?}", self.common, photographs.brightness());
         hasher.update(sized.as_bytes());
         if let Some(options) = refined {
             hasher.update(format!("{} {options:?}", photographs.full_size()).as_bytes());

@@ -112,6 +112,16 @@ impl Method {
         }
     }
 
+    /// The largest factor by which the method sees photographs enlarged that are smaller than the size it may see: a light
+    /// network finds more in them.
+    pub(crate) fn enlarges_by(&self) -> f64 {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) if network.is_light() => 2.0,
+            _ => 1.0,
+        }
+    }
+
     /// The strides of a foveated depth map, the coarsest first.
     pub(crate) fn scales(&self) -> Vec<usize> {
         match self {

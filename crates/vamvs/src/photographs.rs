@@ -43,6 +43,9 @@ struct Taken {
     note: Option<String>,
 }
 
+/// A photograph is enlarged for the network only if that is by this factor at least.
+const LEAST_ENLARGEMENT: f64 = 1.2;
+
 /// Reads photographs of a scene one by one.
 #[derive(Clone, Debug)]
 pub struct Photographs {
@@ -51,7 +54,10 @@ pub struct Photographs {
     max_size: usize,
     /// Longer side of the photographs that depth maps are refined to, pixels.
     full_size: usize,
+    /// Largest factor by which photographs are enlarged.
     enlarge: f64,
+    /// The same for what the network sees, where that is more.
+    enlarge_for_network: f64,
     /// The darkest and the brightest grey value that is not masked as backdrop.
     brightness: [u8; 2],
 }
@@ -76,7 +82,7 @@ impl Photographs {
         } = *options;
         let brightness = [min_brightness, max_brightness];
         let max_size = full_size.min(network_size);
-        Self { origin, max_size, full_size, enlarge, brightness }
+        Self { origin, max_size, full_size, enlarge, enlarge_for_network: enlarge, brightness }
     }
 
     /// The same photographs, reduced to `max_size` pixels on the longer side.
@@ -88,7 +94,25 @@ impl Photographs {
     /// The same photographs, at the size to which depth maps are refined.
     #[must_use]
     pub fn full(&self) -> Self {
-        Self { max_size: self.full_size, ..self.clone() }
+        Self { max_size: self.full_size, ..self.as_they_are() }
+    }
+
+    /// The same photographs, of which the network sees smaller ones enlarged by up to `factor`.
+    #[must_use]
+    pub(crate) fn enlarged_for_network(self, factor: f64) -> Self {
+        Self { enlarge_for_network: factor.max(self.enlarge), ..self }
+    }
+
+    /// The same photographs, none enlarged for the network alone.
+    #[must_use]
+    pub(crate) fn as_they_are(&self) -> Self {
+        Self { enlarge_for_network: self.enlarge, ..self.clone() }
+    }
+
+    /// By how much a photograph of a camera is enlarged for the network alone: 1 if it is not.
+    pub(crate) fn enlarged_by(&self, camera: &Camera) -> f64 {
+        let [seen, own] = [self, &self.as_they_are()].map(|photographs| photographs.ratio(camera.size));
+        seen / own
     }
 
     /// Longer side to which photographs are reduced for refined depth maps, pixels.
@@ -102,9 +126,9 @@ impl Photographs {
         self.max_size
     }
 
-    /// Largest factor by which photographs are enlarged.
-    pub(crate) fn enlarge(&self) -> f64 {
-        self.enlarge
+    /// Largest factors by which photographs are enlarged: of all, and of what the network sees.
+    pub(crate) fn enlarge(&self) -> [f64; 2] {
+        [self.enlarge, self.enlarge_for_network]
     }
 
     /// Grey values below and above which a pixel is backdrop.
@@ -206,9 +230,16 @@ impl Photographs {
     }
 
     fn working_size(&self, size: Size) -> Size {
-        let ratio = self.enlarge.min(self.max_size as f64 / size.longer_side() as f64);
+        let ratio = self.ratio(size);
         let side = |side: usize| (side as f64 * ratio).round().max(1.0) as usize;
         Size::new(side(size.width), side(size.height))
+    }
+
+    /// Working size over the size of the photograph.
+    fn ratio(&self, size: Size) -> f64 {
+        let most = self.max_size as f64 / size.longer_side() as f64;
+        let (own, enlarged) = (self.enlarge.min(most), self.enlarge_for_network.min(most));
+        if enlarged < LEAST_ENLARGEMENT * own { own } else { enlarged }
     }
 }
 
@@ -340,5 +371,35 @@ mod tests {
         assert_eq!(sized(2.0, Size::new(3000, 2000)), Size::new(1280, 853));
         assert_eq!(sized(2.0, Size::new(480, 640)), Size::new(960, 1280));
         assert_eq!(sized(2.0, Size::new(800, 600)), Size::new(1280, 960));
+    }
+
+    #[test]
+    fn small_photographs_alone_are_enlarged_for_the_network() {
+        let of = |enlarge: f64| {
+            let options = DepthOptions { network_size: 1024, enlarge, ..DepthOptions::default() };
+            Photographs::new(Path::new("images"), Masks::None, &options).enlarged_for_network(2.0)
+        };
+        let intrinsics = Intrinsics { fx: 500.0, fy: 500.0, cx: 160.0, cy: 120.0 };
+        // Own longer side; what the network sees, and what depth maps are refined to, as they are and with --enlarge 1.5.
+        let expected = [
+            (320, [640, 320], [640, 480]),
+            (640, [1024, 640], [1024, 960]),
+            (900, [900, 900], [1024, 1350]),
+            (3000, [1024, 2000], [1024, 2000]),
+        ];
+        for (own, as_it_is, enlarged) in expected {
+            let size = Size::new(own, own / 2);
+            let camera = Camera { size, intrinsics, lens: Lens::None };
+            for (photographs, [seen, refined]) in [(of(1.0), as_it_is), (of(1.5), enlarged)] {
+                let width = |photographs: &Photographs| photographs.working_size(size).width;
+                assert_eq!([width(&photographs), width(&photographs.full())], [seen, refined], "of {own}");
+                let by = photographs.enlarged_by(&camera);
+                let smaller = width(&photographs.as_they_are()) as f64;
+                assert!(
+                    (by - seen as f64 / smaller).abs() < 0.01 && smaller <= refined as f64,
+                    "{own}: {by}"
+                );
+            }
+        }
     }
 }

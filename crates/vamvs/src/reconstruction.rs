@@ -133,6 +133,8 @@ impl Reconstruction {
         self.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
         let mut method = Method::new(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
         let photographs = Photographs::of(self.origin, &self.depth);
+        let one_size = self.depth.fovea || !self.depth.refine;
+        let photographs = photographs.enlarged_for_network(if one_size { 1.0 } else { method.enlarges_by() });
         let memory = method.memory(self.depth.max_memory);
         let fitted = (&mut method, memory);
         let (photographs, plan) =

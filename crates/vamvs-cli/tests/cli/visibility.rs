@@ -2,6 +2,7 @@
 
 use vamvs::OutputFolder;
 use vamvs::core::{Grid, Size};
+use vamvs::io::image;
 
 use crate::scene::{Scene, expect_success};
 
@@ -22,7 +23,8 @@ fn predicted_visibility_is_beside_the_depth_maps_and_on_the_page() {
     run();
     let (tiles, sources) = predicted(&folder, "0000");
     assert_eq!(sources.len(), 2);
-    assert!(tiles.iter().all(|tile| tile.size() == Size::new(48, 36)), "a quarter of the photograph");
+    let size = Size::new(96, 72);
+    assert!(tiles.iter().all(|tile| tile.size() == size), "a quarter of the photograph, enlarged twice");
     // What both photographs show is visible for the most part.
     let mean = |tile: &Grid<f32>| tile.data().iter().sum::<f32>() / tile.data().len() as f32;
     assert!(
@@ -52,6 +54,29 @@ fn predicted_visibility_is_beside_the_depth_maps_and_on_the_page() {
     assert_eq!(std::fs::read(folder.visibility("0001")).unwrap(), before);
     without(&["--views", "2"]);
     assert!(!folder.visibility("0001").exists(), "it was that of other source views");
+}
+
+#[test]
+fn small_photographs_are_seen_enlarged_if_the_network_is_surer_then() {
+    let scene = Scene::new(192, 144, 3);
+    let folder = OutputFolder::new(&scene.out());
+    let seen = || {
+        expect_success(&scene.run("depth", &["--quiet", "--visibility", "--planes", "32"]));
+        (0..3).map(|view| predicted(&folder, &format!("{view:04}")).0[0].size()).collect::<Vec<_>>()
+    };
+    assert_eq!(seen(), [Size::new(96, 72); 3], "sharp ones");
+    // What is finer than eight pixels is noise now.
+    let mut noise = 1_u32;
+    for (index, view) in scene.views.iter().enumerate() {
+        let coarse = image::resize(&view.photo.image, Size::new(24, 18));
+        let mut blurred = image::resize(&coarse, Size::new(192, 144));
+        for channel in blurred.data_mut().as_flattened_mut() {
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            *channel = channel.saturating_add((noise >> 26) as u8).saturating_sub(32);
+        }
+        image::save_png_rgb(&scene.path(&format!("images/{index:04}.png")), &blurred).unwrap();
+    }
+    assert_eq!(seen(), [Size::new(48, 36); 3], "blurred and noisy ones");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use vamvs_refine::{RefineOptions, Refined};
 use super::region::{covered, remove_masked, rescaled, unmasked};
 use crate::ceiling::Ceiling;
 use crate::event::{OnEvent, tell};
-use crate::feature_cache::{Encoded, FeatureCache};
+use crate::feature_cache::{Encoded, FeatureCache, Seen};
 use crate::fit::most_bytes;
 use crate::geometric::Needed;
 use crate::method::{Clock, Estimated, Task};
@@ -47,6 +47,18 @@ pub(super) struct Made {
     pub plan: ViewPlan,
     /// Largest longer side of the photographs that the method saw, pixels.
     pub network_size: usize,
+}
+
+/// What the method found in photographs of one size.
+struct Found {
+    reference: Rc<Encoded>,
+    /// The source views that could be used.
+    used: Vec<usize>,
+    /// Depth maps, the coarsest first.
+    maps: Vec<DepthMap>,
+    visibility: Vec<Grid<f32>>,
+    /// The part of the reference view's photograph in which depth is wanted.
+    region: Option<PixelBox>,
 }
 
 /// A depth map with its photograph and, if it was refined, its normals in the world.
@@ -169,11 +181,62 @@ impl<'a> Maker<'a> {
         on_event: &mut OnEvent<'_>,
     ) -> Result<Made, VamvsError> {
         self.features.keep_only(&[&[view], &plan.sources[..]].concat());
-        let reference = self.encoded(view, on_event)?;
+        let Found { reference, used, maps, visibility, region } = self.find(view, plan, on_event)?;
+        if plan.region.is_none() {
+            let name = &self.work.scene.views[view].name;
+            maps.iter().try_for_each(|map| warn_of_range_ends(name, map, &plan.planes, on_event))?;
+        }
+        let mut maps: Vec<MadeMap> =
+            maps.into_iter().map(|map| MadeMap::new(map, &reference.photo)).collect();
+        if let (Some(refinement), Some(finest)) = (&mut self.refinement, maps.last_mut()) {
+            let region = region.filter(|_| plan.region.is_some());
+            let region = region.map(|region| shares(region, reference.photo.camera.size));
+            // A view that does not see the region has only a coarse map, which is not refined.
+            if !plan.foveated || region.is_some() {
+                let seed = Seed { map: &finest.map, visibility: &visibility, region };
+                let refined = refined_map(refinement.refine(view, &used, &seed)?);
+                *finest = if self.work.has_two_passes() { refined } else { self.work.calibrated(refined) };
+            }
+        }
+        let network_size = self.features.photographs.max_size();
+        Ok(Made { maps, visibility, plan: self.usable(plan), network_size })
+    }
+
+    /// A view's depth maps by the method alone. A small photograph that would be enlarged is seen as it is too; of the
+    /// depth maps those stay that the method is surer of. Sharp photographs have more to find when they are enlarged, in
+    /// noisy ones a surface without texture is smaller, and more is seen of it, as they are.
+    fn find(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Found, VamvsError> {
+        let planned = self.find_in(Seen::Planned, view, plan, on_event)?;
+        let enlarged_by = self.features.photographs.enlarged_by(&self.work.scene.views[view].camera);
+        if enlarged_by <= 1.0 {
+            return Ok(planned);
+        }
+        let mut smaller = plan.clone();
+        if self.work.options.planes.is_none() {
+            smaller.planes = plan.planes.for_smaller(1.0 / enlarged_by);
+        }
+        let as_it_is = self.find_in(Seen::AsItIs, view, &smaller, on_event)?;
+        Ok(if as_it_is.confidence() > planned.confidence() { as_it_is } else { planned })
+    }
+
+    /// A view's depth maps by the method alone, in photographs of one size.
+    fn find_in(
+        &mut self,
+        seen: Seen,
+        view: usize,
+        plan: &ViewPlan,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Found, VamvsError> {
+        let reference = self.encoded((view, seen), on_event)?;
         let mut sources = Vec::with_capacity(plan.sources.len());
         let mut used = Vec::with_capacity(plan.sources.len());
         for &source in &plan.sources {
-            match self.encoded(source, on_event) {
+            match self.encoded((source, seen), on_event) {
                 Ok(encoded) => {
                     sources.push(encoded);
                     used.push(source);
@@ -189,33 +252,19 @@ impl<'a> Maker<'a> {
         let region = plan.region.map(|region| rescaled(region, planned_size, reference.photo.camera.size));
         let region = if plan.foveated { region } else { unmasked(region, &reference.photo) };
         let (maps, visibility) = self.maps(&reference, &sources, (plan, region))?;
-        if plan.region.is_none() {
-            let name = &self.work.scene.views[view].name;
-            maps.iter().try_for_each(|map| warn_of_range_ends(name, map, &plan.planes, on_event))?;
-        }
-        let mut maps: Vec<MadeMap> =
-            maps.into_iter().map(|map| MadeMap::new(map, &reference.photo)).collect();
-        drop(sources);
-        if let (Some(refinement), Some(finest)) = (&mut self.refinement, maps.last_mut()) {
-            let region = region.filter(|_| plan.region.is_some());
-            let region = region.map(|region| shares(region, reference.photo.camera.size));
-            // A view that does not see the region has only a coarse map, which is not refined.
-            if !plan.foveated || region.is_some() {
-                let seed = Seed { map: &finest.map, visibility: &visibility, region };
-                let refined = refined_map(refinement.refine(view, &used, &seed)?);
-                *finest = if self.work.has_two_passes() { refined } else { self.work.calibrated(refined) };
-            }
-        }
-        let network_size = self.features.photographs.max_size();
-        Ok(Made { maps, visibility, plan: self.usable(plan), network_size })
+        Ok(Found { reference, used, maps, visibility, region })
     }
 
     /// A photograph's features. A photograph that could not be read is not tried again.
-    fn encoded(&mut self, view: usize, on_event: &mut OnEvent<'_>) -> Result<Rc<Encoded>, VamvsError> {
+    fn encoded(
+        &mut self,
+        (view, seen): (usize, Seen),
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Rc<Encoded>, VamvsError> {
         if let Some(reason) = self.unusable.get(&view) {
             return Err(VamvsError::Request(reason.clone()));
         }
-        let encoded = self.features.get(view, &mut self.clock, on_event);
+        let encoded = self.features.get((view, seen), &mut self.clock, on_event);
         if let Err(error) = &encoded
             && !error.ends_run()
         {
@@ -238,6 +287,16 @@ impl<'a> Maker<'a> {
             maps.iter_mut().for_each(|map| remove_masked(map, mask, map.scale_in(&photo.camera)));
         }
         Ok((maps, visibility))
+    }
+}
+
+impl Found {
+    /// How sure the method is of the finest depth map on the whole: the mean confidence of its depths.
+    fn confidence(&self) -> f64 {
+        let Some(DepthMap { depth, confidence, .. }) = self.maps.last() else { return 0.0 };
+        let known = depth.data().iter().zip(confidence.data()).filter(|(depth, _)| **depth > 0.0);
+        let (sum, count) = known.fold((0.0, 0), |(sum, count), (_, c)| (sum + f64::from(*c), count + 1));
+        sum / f64::from(count.max(1))
     }
 }
 

@@ -71,6 +71,10 @@ impl NetworkMethod {
         self.estimator.network().device()
     }
 
+    pub(super) fn is_light(&self) -> bool {
+        self.estimator.network().manifest().aggregation.correlates()
+    }
+
     pub(super) fn plane_step(&self) -> f64 {
         self.estimator.network().manifest().plane_step
     }
