@@ -65,10 +65,10 @@ fn small_photographs_are_seen_enlarged_if_the_network_is_surer_then() {
         (0..3).map(|view| predicted(&folder, &format!("{view:04}")).0[0].size()).collect::<Vec<_>>()
     };
     assert_eq!(seen(), [Size::new(96, 72); 3], "sharp ones");
-    // What is finer than eight pixels is noise now.
+    // What is finer than sixteen pixels is noise now.
     let mut noise = 1_u32;
     for (index, view) in scene.views.iter().enumerate() {
-        let coarse = image::resize(&view.photo.image, Size::new(24, 18));
+        let coarse = image::resize(&view.photo.image, Size::new(12, 9));
         let mut blurred = image::resize(&coarse, Size::new(192, 144));
         for channel in blurred.data_mut().as_flattened_mut() {
             noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
