@@ -229,7 +229,8 @@ impl Photographs {
         Ok((photo, note.map(|note| format!("{}: {note}", view.name))))
     }
 
-    fn working_size(&self, size: Size) -> Size {
+    /// The size of a photograph that is reduced or enlarged.
+    pub(crate) fn working_size(&self, size: Size) -> Size {
         let ratio = self.ratio(size);
         let side = |side: usize| (side as f64 * ratio).round().max(1.0) as usize;
         Size::new(side(size.width), side(size.height))

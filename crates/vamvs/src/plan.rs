@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use vamvs_core::depth_range::{self, RangeOrigin};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::view_selection;
-use vamvs_core::{DepthRange, Pinhole, Planes, Scene, SeenPoints, Source};
+use vamvs_core::{DepthRange, Pinhole, Planes, Scene, SeenPoints, Size, Source};
 
 use crate::options::MIN_SIZE;
 use crate::photographs::working_cameras;
@@ -57,9 +57,13 @@ pub fn plan(
     check(options)?;
     let cameras = working_cameras(photographs, scene);
     let mut selected = view_selection::select(scene, &cameras, NEIGHBOURS.max(options.views - 1));
-    let is_large = |source: &Source| shorter_side(&cameras[source.view]) >= SHORTEST_SIDE;
+    let as_they_are = photographs.as_they_are();
+    let sizes: Vec<Size> =
+        scene.views.iter().map(|view| as_they_are.working_size(view.camera.size)).collect();
+    let is_large = |source: &Source| shorter_side(sizes[source.view]) >= SHORTEST_SIDE;
     selected.iter_mut().for_each(|sources| sources.retain(is_large));
-    let planner = Planner { scene, seen: SeenPoints::of(scene), cameras: &cameras, options, plane_step };
+    let seen = SeenPoints::of(scene);
+    let planner = Planner { scene, seen, cameras: &cameras, sizes: &sizes, options, plane_step };
     let views: Vec<_> =
         selected.iter().enumerate().map(|(view, sources)| planner.view(view, sources)).collect();
     if let Some(reason) = nothing_to_do(scene, &views) {
@@ -68,8 +72,8 @@ pub fn plan(
     Ok(Plan { cameras, views, neighbours: selected })
 }
 
-fn shorter_side(camera: &Pinhole) -> usize {
-    camera.size.width.min(camera.size.height)
+fn shorter_side(size: Size) -> usize {
+    size.width.min(size.height)
 }
 
 fn check(options: &DepthOptions) -> Result<(), VamvsError> {
@@ -120,16 +124,18 @@ struct Planner<'a> {
     scene: &'a Scene,
     seen: SeenPoints,
     cameras: &'a [Pinhole],
+    /// The smallest size at which each photograph is seen.
+    sizes: &'a [Size],
     options: &'a DepthOptions,
     plane_step: f64,
 }
 
 impl Planner<'_> {
     fn view(&self, view: usize, selected: &[Source]) -> Result<ViewPlan, String> {
-        if shorter_side(&self.cameras[view]) < SHORTEST_SIDE {
+        if shorter_side(self.sizes[view]) < SHORTEST_SIDE {
             return Err(format!(
                 "its photograph has {} pixels, expected at least {SHORTEST_SIDE} on the shorter side",
-                self.cameras[view].size
+                self.sizes[view]
             ));
         }
         let sources: Vec<_> = view_selection::compared(selected, self.options.views - 1).collect();
