@@ -111,8 +111,8 @@ impl Settings {
             self.fusion.network_confidence = preset == Preset::Dtu;
             self.depth.refine &= preset != Preset::Dtu;
             if preset == Preset::Dtu {
-                // The paper's network, whose own depth maps are finer than those of the default.
-                self.weights.get_or_insert_with(|| Quality::Best.weights().into());
+                // Its own depth maps are finer than those of the default.
+                self.weights.get_or_insert_with(|| vamvs::weights::of_paper().into());
             }
         }
         if let Some(rule) = flags.consistency {

@@ -21,6 +21,12 @@ pub fn is_built_in(weights: &Path) -> bool {
     is_none(weights)
 }
 
+/// The name of the built-in network that aggregates views as the paper does; `none` in a build without libtorch.
+#[must_use]
+pub fn of_paper() -> &'static str {
+    if cfg!(feature = "net") { "vis-max" } else { NONE }
+}
+
 /// Whether this is `none`: no network is wanted.
 #[must_use]
 pub fn is_none(weights: &Path) -> bool {
