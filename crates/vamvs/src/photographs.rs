@@ -337,12 +337,13 @@ fn both(a: Option<Grid<bool>>, b: Option<Grid<bool>>) -> Option<Grid<bool>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use vamvs_core::{Intrinsics, Lens};
 
     /// Undistorting at twice the size gives what undistorting the whole photograph gives.
     #[test]
     fn a_large_photograph_is_undistorted_as_if_whole() {
-        let intrinsics = vamvs_core::Intrinsics { fx: 900.0, fy: 900.0, cx: 600.0, cy: 400.0 };
-        let lens = vamvs_core::Lens::Rational { k: [-0.15, 0.02, 0.0, 0.0, 0.0, 0.0], p: [0.001, 0.0] };
+        let intrinsics = Intrinsics { fx: 900.0, fy: 900.0, cx: 600.0, cy: 400.0 };
+        let lens = Lens::Rational { k: [-0.15, 0.02, 0.0, 0.0, 0.0, 0.0], p: [0.001, 0.0] };
         let camera = Camera { size: Size::new(1200, 800), intrinsics, lens };
         // Waves of 30 pixels, and edges.
         let grey = |x: usize, y: usize| {
