@@ -274,8 +274,8 @@ pub struct DepthFlags {
     /// Larger photographs are reduced to this longer side, pixels; depth maps have the same size [default: 2000].
     #[arg(long, value_name = "PIXELS")]
     pub max_size: Option<usize>,
-    /// The network, or the plane sweep without one, sees larger photographs reduced to this longer side, pixels
-    /// [default: 896].
+    /// The network, or the plane sweep without one, sees larger photographs reduced to this longer side, pixels. vis-corr
+    /// sees smaller ones also enlarged to it, at most twice, and what it is surer of is refined [default: 896].
     #[arg(long, value_name = "PIXELS")]
     pub network_size: Option<usize>,
     /// Write the depth maps that refinement would start from, smaller than their photographs and without normals.

@@ -18,7 +18,8 @@ pub struct RefineOptions {
     /// Noise of the photographs, grey values. Where a window has less contrast than that, the seed decides.
     pub noise: f32,
     /// Depth is searched between the nearest and the farthest surface that the seed has around a pixel, and this far
-    /// beyond, pixels of disparity of the photograph ([`crate::refine`]).
+    /// beyond, pixels of disparity at the resolution at hand, a quarter of that at the first, coarsest one
+    /// ([`crate::refine`]).
     pub beyond: f32,
     /// Number of sweeps over the image at the first resolution; each finer one has one sweep.
     pub sweeps: usize,

@@ -14,6 +14,9 @@ use crate::{Problem, RefineOptions};
 /// Most halvings of the photograph.
 const MOST_LEVELS: usize = 2;
 
+/// Share of [`RefineOptions::beyond`] at the first resolution, whose pixels are as large as the seed's.
+const AT_FIRST: f32 = 0.25;
+
 /// When planes are enlarged, a neighbour's plane is tried if it is farther from the pixel's own than this, pixels
 /// of disparity.
 const APART: f32 = 1.0;
@@ -37,7 +40,7 @@ pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<
     let first = first_level(&problem.reference.camera, seed).max(last);
     let matcher = self::matcher(problem, first);
     let guesses = Seed::new(seed).guesses(&matcher.image, &reduced(&problem.reference.camera, first));
-    let beyond = |level: usize| problem.options.beyond / (1 << level) as f32;
+    let beyond = |level: usize| if level == first { AT_FIRST } else { 1.0 } * problem.options.beyond;
     let mut field = search(&matcher, &guesses, beyond(first));
     for _ in 0..problem.options.sweeps {
         sweep(&mut field, |x, y, w| near_seed(&matcher, &guesses, (x, y, w), beyond(first)));

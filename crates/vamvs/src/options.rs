@@ -16,7 +16,8 @@ pub(crate) const MIN_SIZE: usize = 64;
 pub struct DepthOptions {
     /// Longer side to which larger photographs are reduced, pixels: the size of refined depth maps.
     pub max_size: usize,
-    /// Longer side to which the network sees larger photographs reduced, pixels.
+    /// Longer side to which the network sees larger photographs reduced, pixels. vis-corr sees smaller ones as they are and
+    /// enlarged to it, at most twice; of both depth maps the one that it is surer of is refined.
     pub network_size: usize,
     /// Whether depth maps are refined to the size of their photographs, or stay at that of the network's last
     /// iteration.

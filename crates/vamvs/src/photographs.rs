@@ -385,7 +385,7 @@ mod tests {
         // Own longer side; what the network sees, and what depth maps are refined to, as they are and with --enlarge 1.5.
         let expected = [
             (320, [640, 320], [640, 480]),
-            (640, [1024, 640], [1024, 960]),
+            (640, [1024, 640], [960, 960]),
             (900, [900, 900], [1024, 1350]),
             (3000, [1024, 2000], [1024, 2000]),
         ];
