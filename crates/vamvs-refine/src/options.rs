@@ -19,7 +19,7 @@ pub struct RefineOptions {
     pub noise: f32,
     /// Depth is searched between the nearest and the farthest surface that the seed has around a pixel, and this far
     /// beyond, pixels of disparity at the resolution at hand, a quarter of that at the first, coarsest one
-    /// ([`crate::refine`]).
+    /// ([`crate::refine`]). Infinite: everywhere, for a seed that may have missed the surface.
     pub beyond: f32,
     /// Number of sweeps over the image at the first resolution; each finer one has one sweep.
     pub sweeps: usize,
@@ -48,7 +48,7 @@ impl Default for RefineOptions {
             views: 2,
             colour: 20.0,
             noise: 1.0,
-            beyond: 1.0,
+            beyond: f32::INFINITY,
             sweeps: 2,
             prior: 0.07,
             prior_reach: 4.0,

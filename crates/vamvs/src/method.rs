@@ -122,6 +122,15 @@ impl Method {
         }
     }
 
+    /// How far beyond the surfaces of its depth maps refinement searches ([`vamvs_refine::RefineOptions::beyond`]).
+    pub(crate) fn beyond(&self) -> f32 {
+        match self {
+            #[cfg(feature = "net")]
+            Self::Network(network) if !network.is_light() => f32::INFINITY,
+            _ => 1.0,
+        }
+    }
+
     /// The strides of a foveated depth map, the coarsest first.
     pub(crate) fn scales(&self) -> Vec<usize> {
         match self {

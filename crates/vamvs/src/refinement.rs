@@ -39,13 +39,15 @@ pub(crate) struct Seed<'a> {
 }
 
 impl<'a> Refinement<'a> {
-    /// Uses `photographs` at full size, before the reduction for the network. `geometric_follows`: whether a
-    /// second pass follows.
-    pub fn new(scene: &'a Scene, photographs: &Photographs, geometric_follows: bool) -> Self {
+    /// Uses `photographs` at full size, before the reduction for the network. `beyond` is [`RefineOptions::beyond`];
+    /// `geometric_follows`: whether a second pass follows.
+    pub fn new(scene: &'a Scene, photographs: &Photographs, beyond: f32, geometric_follows: bool) -> Self {
+        let mut options = RefineOptions::default();
+        options.beyond = beyond;
         Self {
             scene,
             photographs: photographs.full(),
-            options: RefineOptions::default(),
+            options,
             geometric_follows,
             kept: PhotoCache::default(),
             reading: Duration::ZERO,

@@ -128,7 +128,10 @@ impl<'a> Maker<'a> {
         Self {
             work,
             features: FeatureCache::new(scene, photographs.clone(), &work.method, capacity),
-            refinement: work.options.refine.then(|| Refinement::new(scene, photographs, two_passes)),
+            refinement: work
+                .options
+                .refine
+                .then(|| Refinement::new(scene, photographs, work.method.beyond(), two_passes)),
             clock: work.method.clock(),
             ceiling: Ceiling::new(limit, for_maps),
             unusable: BTreeMap::new(),
