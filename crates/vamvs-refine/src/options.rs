@@ -17,7 +17,10 @@ pub struct RefineOptions {
     pub colour: f32,
     /// Noise of the photographs, grey values. Where a window has less contrast than that, the seed decides.
     pub noise: f32,
-    /// Depth is searched between the nearest and the farthest surface that the seed has around a pixel, and this far
+    /// Depth is searched this far to both sides of the seed, in pixels of disparity at the first resolution: a half
+    /// or a quarter of the photograph's.
+    pub search: u32,
+    /// Depth stays between the nearest and the farthest surface that the seed has around a pixel, and this far
     /// beyond, pixels of disparity at the resolution at hand, a quarter of that at the first, coarsest one
     /// ([`crate::refine`]). Infinite: everywhere, for a seed that may have missed the surface.
     pub beyond: f32,
@@ -48,6 +51,7 @@ impl Default for RefineOptions {
             views: 2,
             colour: 20.0,
             noise: 1.0,
+            search: 4,
             beyond: f32::INFINITY,
             sweeps: 2,
             prior: 0.07,

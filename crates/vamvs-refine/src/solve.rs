@@ -81,16 +81,21 @@ fn near_seed<'a>(
     Some(Pixel { bounds: guess.bounds(beyond * pixel.step), ..pixel })
 }
 
-/// The best planes of the seed: its likeliest surface, and those beside it.
+/// The best planes near the seed: steps in depth around its plane, and the surfaces beside it.
 fn search(matcher: &Matcher, guesses: &Grid<Guess>, beyond: f32) -> Field {
     Field::new(matcher.image.size, |x, y| {
         let Guess { plane, ends, .. } = guesses[(x, y)];
         let pixel = (plane.w > 0.0).then(|| near_seed(matcher, guesses, (x, y, plane.w), beyond)).flatten();
         let Some(pixel) = pixel else { return State::unjudged(Plane::default()) };
         let mut state = State::unjudged(plane);
+        let reach = matcher.options.search as i32;
         consider(&pixel, plane, &mut state);
+        for offset in (-reach..=reach).filter(|&offset| offset != 0) {
+            let w = plane.w + offset as f32 * pixel.step;
+            consider(&pixel, Plane { w, ..plane }, &mut state);
+        }
         for w in ends {
-            if (w - plane.w).abs() > APART * pixel.step {
+            if (w - plane.w).abs() > (reach as f32 + 0.5) * pixel.step {
                 consider(&pixel, Plane { w, gx: 0.0, gy: 0.0 }, &mut state);
             }
         }

@@ -64,6 +64,9 @@ impl<'a> FeatureCache<'a> {
         clock: &mut Clock,
         on_event: &mut OnEvent<'_>,
     ) -> Result<Rc<Encoded>, VamvsError> {
+        // A photograph that is not enlarged is the same both ways.
+        let is_enlarged = self.photographs.enlarged_by(&self.scene.views[view].camera) > 1.0;
+        let seen = if is_enlarged { seen } else { Seen::Planned };
         if let Some(place) = self.kept.iter().position(|(kept, _)| *kept == (view, seen)) {
             let entry = self.kept.remove(place);
             self.kept.push(entry);
