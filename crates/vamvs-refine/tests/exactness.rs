@@ -144,7 +144,7 @@ fn noise_leads_no_farther_from_the_seed_than_it_may() {
     options.beyond = 1.0;
     let result = refine(&set.photos[0], &sources(&set), &seed, &[], &options).unwrap();
     let depths = result.map.depth.data().iter().zip(set.depth.data());
-    let moved: Vec<f64> = depths.map(|(found, truth)| disparity(*found, *truth)).collect();
+    let moved: Vec<f64> = depths.map(|(found, expected)| disparity(*found, *expected)).collect();
     let near = moved.iter().filter(|moved| **moved < 0.5).count() as f64 / moved.len() as f64;
     println!("at most {:.3} px, below half a pixel {near:.3}", moved.iter().copied().fold(0.0, f64::max));
     assert!(moved.iter().all(|moved| *moved < 2.5) && near > 0.7);
