@@ -190,6 +190,10 @@ fn a_scene_has_a_page_with_pictures() {
         agreement["precision"].as_f64() > Some(0.99) && agreement["recall"].as_f64() > Some(0.95),
         "{agreement}"
     );
+    // Pixels of the true surface are at most 0.1 apart. A wide threshold must not thin them for the narrow one.
+    let both = json(&["scene", "--distances", "0.1,1"], [folder.root(), folder.root()]);
+    let precisions = [0, 1].map(|at| both["cloud"]["agreement"][at]["precision"].as_f64());
+    assert!(precisions.iter().all(|precision| *precision > Some(0.99)), "{precisions:?}");
     let page = std::fs::read_to_string(folder.root().join("eval.html")).unwrap();
     assert_eq!(result["page"].as_str(), folder.root().join("eval.html").to_str());
     assert_eq!(page.matches("data:image/png;base64,").count(), 4 + 4);

@@ -40,7 +40,8 @@ pub struct SceneEvaluation {
 pub struct ComparedCloud {
     /// The cloud.
     pub cloud: Cloud,
-    /// Points of the true surface, evenly spread, where at least two views see it.
+    /// Points of the true surface where at least two views see it: no two within half the least threshold, so
+    /// that every place of the surface is well within each threshold of one.
     pub ground_truth: Vec<[f64; 3]>,
     /// The distances between them.
     pub distances: CloudDistances,
@@ -76,8 +77,8 @@ impl ComparedCloud {
         let ground_truth: Vec<DepthMap> =
             (0..ground_truth.len()).map(|view| ground_truth.depth_map(view)).collect::<Result<_, _>>()?;
         let thresholds = thresholds.map_or_else(|| default_thresholds(&ground_truth), <[f64]>::to_vec);
-        let widest = thresholds.last().copied().unwrap_or(0.0);
-        let ground_truth = surface(&ground_truth, 0.5 * widest)?;
+        let least = thresholds.iter().copied().reduce(f64::min).unwrap_or(0.0);
+        let ground_truth = surface(&ground_truth, 0.5 * least)?;
         let places: Vec<[f64; 3]> = cloud.iter().map(|point| point.x_in_world).collect();
         let distances = CloudDistances::between(&places, &ground_truth);
         Ok(Self { cloud, ground_truth, distances, thresholds })
