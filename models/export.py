@@ -53,6 +53,16 @@ def trained_on(networks: list[torch.jit.ScriptModule]) -> list[str]:
     return list(dict.fromkeys(runs))
 
 
+def check_flags(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
+    """Refuses flags that the network would ignore."""
+    of_paper = ("neighbours", "hypotheses", "no_plane_depth", "no_image_features", "matched", "window", "completion", "guide")
+    of_paper += ("coarse_stride", "steps", "flow_sources", "kernel", "thin")
+    ignored = {"photometric": (*of_paper, "norm", "feature_stride"), "vis-corr": of_paper}.get(arguments.network, ("feature_stride",))
+    for name in ignored:
+        if getattr(arguments, name) != parser.get_default(name):
+            parser.error(f"--{name.replace('_', '-')} does not apply to {arguments.network}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("network", choices=("photometric", "vis-corr", *AGGREGATIONS))
@@ -101,6 +111,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.flow_like is not None and arguments.like is None:
         parser.error("--flow-like replaces the flow's weights of --like, which is missing")
+    check_flags(parser, arguments)
     torch.manual_seed(arguments.seed)
     if arguments.network == "photometric":
         module = Photometric()
@@ -134,9 +145,9 @@ def main() -> None:
             of_flow = [run.removeprefix("the flow: ") for run in trained_on([other])]
             runs += [f"the flow: {run}" for run in of_flow if run not in runs]
         about = json.loads(module.manifest())
-        about["trained_on"] = "; ".join(runs)
         if arguments.renew:
-            about = {**about, **json.loads(others[0].manifest())}
+            about.update(json.loads(others[0].manifest()))
+        about["trained_on"] = "; ".join(runs)
         module.set_manifest(json.dumps(about))
     if arguments.plane_step is not None:
         module.set_manifest(json.dumps({**json.loads(module.manifest()), "plane_step": arguments.plane_step}))
