@@ -66,9 +66,9 @@ impl Refined {
     #[must_use]
     pub fn in_world(mut self) -> (DepthMap, Grid<[f32; 3]>) {
         let world_from_cam = self.map.cam_from_world.rotation.transpose().cast::<f32>();
-        for normal in self.normals.data_mut() {
+        self.normals.data_mut().par_iter_mut().for_each(|normal| {
             *normal = (world_from_cam * Vector3::from(*normal)).into();
-        }
+        });
         (self.map, self.normals)
     }
 
@@ -102,11 +102,10 @@ impl Surface<'_> {
 }
 
 /// A pixel of the result.
-#[derive(Clone, Copy, Default)]
 struct Outcome {
     depth: f32,
+    confidence: f32,
     normal: [f32; 3],
-    features: Features,
 }
 
 /// The result of a field. `seed(x, y)` gives the seed's plane and confidence at a pixel; w = 0 and 0 where it has
@@ -117,25 +116,21 @@ pub(crate) fn refined(
     matcher: &Matcher,
     seed: impl Fn(usize, usize) -> (Plane, f32) + Sync,
 ) -> Refined {
-    let size = field.size();
-    let mut outcomes = Grid::filled(size, Outcome::default());
-    outcomes.data_mut().par_chunks_exact_mut(size.width.max(1)).enumerate().for_each(|(y, row)| {
-        for (x, outcome) in row.iter_mut().enumerate() {
-            *outcome = pixel(&camera, field.at(x, y), matcher, (x, y), seed(x, y)).unwrap_or_default();
-        }
-    });
-    let confidence =
-        |outcome: &Outcome| if outcome.depth > 0.0 { confidence::of(&outcome.features) } else { 0.0 };
-    Refined {
-        map: DepthMap {
-            camera,
-            cam_from_world,
-            depth: outcomes.map(|outcome| outcome.depth),
-            confidence: outcomes.map(confidence),
-            coarse_confidence: None,
+    let width = field.size().width.max(1);
+    let mut refined = Refined::empty((camera, cam_from_world));
+    let depths = refined.map.depth.data_mut().par_chunks_exact_mut(width);
+    let confidences = refined.map.confidence.data_mut().par_chunks_exact_mut(width);
+    let normals = refined.normals.data_mut().par_chunks_exact_mut(width);
+    (depths, confidences, normals).into_par_iter().enumerate().for_each(
+        |(y, (depths, confidences, normals))| {
+            for x in 0..width {
+                if let Some(found) = pixel(&camera, field.at(x, y), matcher, (x, y), seed(x, y)) {
+                    (depths[x], confidences[x], normals[x]) = (found.depth, found.confidence, found.normal);
+                }
+            }
         },
-        normals: outcomes.map(|outcome| outcome.normal),
-    }
+    );
+    refined
 }
 
 fn pixel(
@@ -161,5 +156,6 @@ fn pixel(
     };
     let intrinsics = &camera.intrinsics;
     let normal = plane.normal(intrinsics, x as f64 + 0.5, y as f64 + 0.5);
-    Some(Outcome { depth: 1.0 / plane.w, normal: normal.cast::<f32>().into(), features })
+    let confidence = confidence::of(&features);
+    Some(Outcome { depth: 1.0 / plane.w, confidence, normal: normal.cast::<f32>().into() })
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
+use rayon::prelude::*;
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Planes, Rgb};
 use vamvs_io::image;
@@ -79,8 +80,11 @@ impl Prepared {
     fn calibrated(&self, mut made: MadeMap) -> MadeMap {
         if let Some(calibration) = self.method.refined_calibration() {
             let MadeMap { map: DepthMap { depth, confidence, .. }, .. } = &mut made;
-            let known = confidence.data_mut().iter_mut().zip(depth.data()).filter(|(_, depth)| **depth > 0.0);
-            known.for_each(|(confidence, _)| *confidence = calibration.at(f64::from(*confidence)) as f32);
+            confidence.data_mut().par_iter_mut().zip(depth.data()).for_each(|(confidence, depth)| {
+                if *depth > 0.0 {
+                    *confidence = calibration.at(f64::from(*confidence)) as f32;
+                }
+            });
         }
         made
     }
