@@ -101,8 +101,8 @@ pub fn iterations(lab: &Lab) -> Result<Section> {
     Ok(Section {
         title: "Table 5: flow iterations",
         text: "var, 5 views. Outliers are pixels with an error > 1 % of the depth, on the hold-out scenes. The other \
-               columns are of the large scene: `vamvs reconstruct --iterations N --planes 96`, time and peak memory \
-               of a depth map and of the process, the cloud at 0.5 % of the median depth. The paper's column is \
+               columns are of the large scene: `vamvs reconstruct --no-refine --iterations N --planes 96`, time and peak \
+               memory of a depth map and of the process, the cloud at 0.5 % of the median depth. The paper's column is \
                its overall error (mm), its F-score at 0.5 mm, memory and time (GTX 1080 Ti) on DTU.",
         head: vec![
             "iterations",

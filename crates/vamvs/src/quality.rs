@@ -13,7 +13,7 @@ pub enum Quality {
     /// The defaults: vis-corr, both passes of refinement.
     #[default]
     Normal,
-    /// As normal, but the network sees photographs of 1536 pixels: fewer outliers, for two to three times the time.
+    /// As normal, but the network sees photographs of 1536 pixels: fewer outliers, for twice the time.
     Best,
 }
 

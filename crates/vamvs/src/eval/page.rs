@@ -110,7 +110,7 @@ impl SceneEvaluation {
         ];
         page.table(&["distance", "points", "mean", "median"], &rows);
         page.paragraph(
-            "The true surface is what at least two of the true depth maps show, as points at least half of the last \
+            "The true surface is what at least two of the true depth maps show, as points at least half of the narrowest \
              threshold apart. Distances are in scene units.",
         );
     }
