@@ -57,7 +57,12 @@ def check_flags(parser: argparse.ArgumentParser, arguments: argparse.Namespace) 
     """Refuses flags that the network would ignore."""
     of_paper = ("neighbours", "hypotheses", "no_plane_depth", "no_image_features", "matched", "window", "completion", "guide")
     of_paper += ("coarse_stride", "steps", "flow_sources", "kernel", "thin")
-    ignored = {"photometric": (*of_paper, "norm", "feature_stride"), "vis-corr": of_paper}.get(arguments.network, ("feature_stride",))
+    if arguments.network == "photometric":
+        ignored = (*of_paper, "norm", "feature_stride")
+    elif arguments.network == "vis-corr":
+        ignored = of_paper
+    else:
+        ignored = ("feature_stride",) if arguments.network == "vis-var" else ("feature_stride", "no_plane_depth")
     for name in ignored:
         if getattr(arguments, name) != parser.get_default(name):
             parser.error(f"--{name.replace('_', '-')} does not apply to {arguments.network}")

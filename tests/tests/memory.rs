@@ -18,9 +18,9 @@ const VIEWS: usize = 3;
 /// Planes of the sweep.
 const PLANES: usize = 64;
 
-/// Accepted ratios of the predicted to the measured peak, which varies by a fiftieth from run to run. Small
+/// Accepted ratios of the predicted to the measured peak, which varies by a twentieth from run to run. Small
 /// maps are the hardest to predict, since most of their memory is not in tensors.
-const LIKELY: std::ops::Range<f64> = 0.95..1.35;
+const LIKELY: std::ops::Range<f64> = 0.9..1.3;
 
 /// Environment variable that tells the child process what to measure: `NETWORK COARSE_STRIDE WIDTHxHEIGHT`.
 const ASKED: &str = "VAMVS_TEST_PEAK";
@@ -53,8 +53,9 @@ fn the_expected_peak_is_that_of_the_process() {
 fn peak_in_a_process(asked: &str) -> (f64, f64) {
     let name = "the_expected_peak_is_that_of_the_process";
     let mut child = Command::new(std::env::current_exe().unwrap());
-    // Freed memory is returned at once, so that the peak does not depend on how fast the machine is.
-    child.env(ASKED, asked).env("MIMALLOC_PURGE_DELAY", "0");
+    // Freed memory is returned after a tenth of a second instead of one: one is as long as such a small map takes, and
+    // the peak would depend on how fast the machine is.
+    child.env(ASKED, asked).env("MIMALLOC_PURGE_DELAY", "10");
     let output = child.args([name, "--exact", "--nocapture"]).output().unwrap();
     let said = String::from_utf8(output.stdout).unwrap();
     let line = said.lines().find_map(|line| line.split_once("peak of ")).expect(&said).1;

@@ -112,8 +112,7 @@ fn reconstruct(lab: &Lab, name: &str, network: &str, more: &[&str]) -> Result<Cl
     command.args(["reconstruct", "--cams", &text(&scene.join("cams"))]);
     command.args(["--images", &text(&scene.join("images")), "--weights", network, "--out", &text(&out)]);
     command.args(["--views", "5", "--planes", "96", "--force", "--no-report", "--threads", &lab.threads()]);
-    command.arg("--no-refine");
-    let (summary, taken) = vamvs::measured::<Value>(command.args(more))?;
+    let (summary, taken) = vamvs::measured::<Value>(command.arg("--no-refine").args(more))?;
     let points = summary["fusion"]["points"].as_u64().context("the summary has no number of points")?;
     let stages = summary["depth"]["seconds"].as_object().context("the summary has no seconds by stage")?;
     let made = summary["depth"]["made"].as_f64().context("the summary has no number of maps")?;
