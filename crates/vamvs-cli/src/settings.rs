@@ -219,10 +219,12 @@ mod input {
         /// The scene's files.
         pub fn scene(&self) -> Result<Input> {
             let Self { cams, colmap, nerfstudio, bundler, nvm, openmvs, images, .. } = self.clone();
-            let needed = || images.clone().context("no photographs: give their folder with --images");
             match (cams, colmap, nerfstudio, bundler, nvm, openmvs) {
-                (Some(cams), None, None, None, None, None) => self.mvsnet(cams, needed()?),
-                (None, Some(model), None, None, None, None) => Ok(Input::Colmap { model, images: needed()? }),
+                (Some(cams), None, None, None, None, None) => {
+                    let images = images.context("no photographs: give their folder with --images")?;
+                    self.mvsnet(cams, images)
+                }
+                (None, Some(model), None, None, None, None) => Ok(Input::Colmap { model, images }),
                 (None, None, Some(transforms), None, None, None) => {
                     Ok(Input::Nerfstudio { transforms, images })
                 }

@@ -112,7 +112,7 @@ pub fn for_view(
 /// count that project into its image (an even subsample, if there are more than 100,000). `None` if these are fewer
 /// than ten, too.
 ///
-/// At both ends 1 % of the depths are left out, and up to 5 % as long as they are outliers: nearer or farther than
+/// At both ends 1 % of the depths, but at least one of more than one, are left out, and up to 5 % as long as they are outliers: nearer or farther than
 /// their quartile by more than the factor r³, where r is the ratio of the quartiles, at least 1.5. The margin on both
 /// sides is a tenth of the remaining range and at least 2 % of the median depth; the nearest depth is at most halved
 /// by it.

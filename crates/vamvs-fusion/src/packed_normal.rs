@@ -33,7 +33,8 @@ impl PackedNormal {
     #[inline(always)]
     pub fn new([x, y, z]: [f32; 3]) -> Self {
         let sum = x.abs() + y.abs() + z.abs();
-        let has_length = (sum > 0.0) & (sum < f32::INFINITY);
+        // 1 over a smaller sum would be infinite.
+        let has_length = (sum > f32::MIN_POSITIVE) & (sum < f32::INFINITY);
         let per_sum = if has_length { 1.0 / sum } else { 0.0 };
         let (x, y, z) = if has_length { (x, y, z) } else { (0.0, 0.0, 0.0) };
         let (u, v) = (x * per_sum, y * per_sum);
@@ -82,7 +83,7 @@ mod tests {
             let back = Vector3::from(PackedNormal::new((3.0 * normal).into()).components());
             assert!((back - normal).norm() < 1e-4, "{normal} became {back}");
         }
-        for none in [[0.0; 3], [f32::NAN, 0.0, 1.0], [f32::INFINITY, 0.0, 0.0]] {
+        for none in [[0.0; 3], [f32::NAN, 0.0, 1.0], [f32::INFINITY, 0.0, 0.0], [1e-40, 0.0, 0.0]] {
             assert_eq!(PackedNormal::new(none).components(), [0.0; 3]);
         }
     }

@@ -144,7 +144,8 @@ fn filter_pixels_any(pixels: &Pixels<'_>, samples: &mut [[f32; 2]], removed: &mu
         masked += u32::from(with_depth & !mask[x]);
         unconfident += u32::from(with_depth & mask[x] & !confident);
         let passes = with_depth & mask[x] & confident;
-        samples[x] = [if passes { 1.0 / depth[x] } else { 0.0 }, confidence[x]];
+        let confidence = if confidence[x] < 1.0 { confidence[x] } else { 1.0 };
+        samples[x] = [if passes { 1.0 / depth[x] } else { 0.0 }, confidence];
     }
     *removed = Removed { without_depth, masked, unconfident };
 }
@@ -184,6 +185,14 @@ mod tests {
         assert_eq!(filtered.report, expected);
         assert!(filtered.samples.data()[..8].iter().all(|[w, _]| *w == 0.0));
         assert!(filtered.samples.row(2).iter().all(|sample| *sample == [0.5, 1.0]));
+    }
+
+    #[test]
+    fn confidences_above_1_count_as_1() {
+        let mut loaded = view(Grid::filled(SIZE, 2.0));
+        (loaded.map.confidence[(0, 0)], loaded.map.confidence[(1, 0)]) = (f32::INFINITY, 1.5);
+        let filtered = FilteredView::new(0, &loaded, &FuseOptions::default()).unwrap();
+        assert_eq!(filtered.samples.row(0)[..2], [[0.5, 1.0]; 2]);
     }
 
     #[test]

@@ -44,9 +44,19 @@ pub fn write(path: &Path, depth: &Grid<f32>, png_step: f64) -> Result<(), IoErro
     }
 }
 
-/// The smallest step of a 16-bit PNG, 1, 2 or 5 times a power of ten, with which the depth `farthest` fits.
+/// Whether a depth can be written to a 16-bit PNG with steps of `png_step`; pixels without depth can.
+#[must_use]
+pub fn fits_png(depth: f32, png_step: f64) -> bool {
+    !depth_map::is_valid(depth) || steps(depth, png_step).is_some()
+}
+
+/// The smallest step of a 16-bit PNG, 1, 2 or 5 times a power of ten, with which the depth `farthest` fits; 1 if that is no
+/// depth.
 #[must_use]
 pub fn fitting_png_step(farthest: f64) -> f64 {
+    if !(farthest > 0.0 && farthest.is_finite()) {
+        return 1.0;
+    }
     let least = farthest / f64::from(LARGEST);
     let exponent = least.log10().floor() as i32;
     let steps = [1.0, 2.0, 5.0, 10.0].map(|digit| {
@@ -134,7 +144,8 @@ mod tests {
 
     #[test]
     fn steps_are_round_and_the_farthest_depth_fits() {
-        for (farthest, expected) in [(65.534, 0.001), (65.6, 0.002), (2.0, 5e-5), (500.0, 0.01), (1e7, 200.0)]
+        for (farthest, expected) in
+            [(65.534, 0.001), (65.6, 0.002), (2.0, 5e-5), (500.0, 0.01), (1e7, 200.0), (0.0, 1.0)]
         {
             assert_eq!(fitting_png_step(farthest), expected, "{farthest}");
         }

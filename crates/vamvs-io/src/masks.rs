@@ -23,6 +23,9 @@ impl Masks {
     /// The folder `masks` beside the folder of photographs, if there is one.
     #[must_use]
     pub fn next_to(images: &Path) -> Self {
+        // Folders such as `.` have no name in their paths.
+        let named = images.file_name().is_none().then(|| images.canonicalize().ok()).flatten();
+        let images = named.as_deref().unwrap_or(images);
         let folder = images.with_file_name("masks");
         if folder.is_dir() && folder != images { Self::Folder(folder) } else { Self::None }
     }

@@ -327,7 +327,7 @@ fn a_scene_has_sorted_views_and_each_view_once_a_point() {
     }
     photograph(images.path(), "a.png");
     photograph(images.path(), "b ü.png");
-    let loaded = colmap::read_scene(model.path(), images.path()).unwrap();
+    let loaded = colmap::read_scene(model.path(), Some(images.path())).unwrap();
     let views = &loaded.scene.views;
     assert_eq!(
         views.iter().map(|v| (v.id, v.name.as_str())).collect::<Vec<_>>(),
@@ -346,11 +346,44 @@ fn missing_images_are_an_error_and_unregistered_ones_a_warning() {
     small_model().write_text(model.path()).unwrap();
     photograph(images.path(), "a.png");
     photograph(images.path(), "unregistered.png");
-    let error = colmap::read_scene(model.path(), images.path()).unwrap_err().to_string();
+    let error = colmap::read_scene(model.path(), Some(images.path())).unwrap_err().to_string();
     assert!(error.starts_with("1 of the scene's images missing") && error.contains("b ü.png"), "{error}");
     photograph(images.path(), "b ü.png");
-    let warnings = colmap::read_scene(model.path(), images.path()).unwrap().warnings;
+    let warnings = colmap::read_scene(model.path(), Some(images.path())).unwrap().warnings;
     assert!(warnings.iter().any(|warning| warning.contains("unregistered.png")), "{warnings:?}");
+}
+
+#[test]
+fn a_workspace_has_its_model_in_sparse_and_its_photographs_beside_it() {
+    let workspace = tempdir().unwrap();
+    let path = |folder: &str| workspace.path().join(folder);
+    let fails = |folder: &str| colmap::read_scene(&path(folder), None).unwrap_err().to_string();
+    fs::create_dir_all(path("images")).unwrap();
+    for name in ["a.png", "b ü.png"] {
+        photograph(&path("images"), name);
+    }
+    assert!(fails("").contains("sparse/0"), "{}", fails(""));
+    for model in ["sparse", "sparse/0"] {
+        fs::create_dir_all(path(model)).unwrap();
+        small_model().write_binary(&path(model)).unwrap();
+        let scene = colmap::read_scene(&path(model), Some(&path("images"))).unwrap().scene;
+        for folder in ["", "sparse", model] {
+            let loaded = colmap::read_scene(&path(folder), None).unwrap();
+            assert_eq!((&loaded.scene, &loaded.images), (&scene, &path("images")), "{folder:?} with {model}");
+        }
+        fs::remove_dir_all(path("sparse")).unwrap();
+    }
+    for model in ["sparse/0", "sparse/1"] {
+        fs::create_dir_all(path(model)).unwrap();
+        small_model().write_text(&path(model)).unwrap();
+    }
+    let error = fails("");
+    assert!(
+        error.contains("found 2") && error.contains("sparse/0, ") && error.contains("sparse/1"),
+        "{error}"
+    );
+    fs::remove_dir_all(path("images")).unwrap();
+    assert!(fails("sparse/1").contains("expected the photographs in images"), "{}", fails("sparse/1"));
 }
 
 #[test]
@@ -358,7 +391,7 @@ fn a_model_without_images_is_refused() {
     let folder = tempdir().unwrap();
     let model = Model { images: Vec::new(), points: Vec::new(), ..small_model() };
     model.write_binary(folder.path()).unwrap();
-    let error = colmap::read_scene(folder.path(), folder.path()).unwrap_err().to_string();
+    let error = colmap::read_scene(folder.path(), Some(folder.path())).unwrap_err().to_string();
     assert!(error.contains("expected registered images"), "{error}");
 }
 
@@ -368,9 +401,9 @@ fn an_exported_scene_observes_points_where_they_project() {
     small_model().write_text(model.path()).unwrap();
     photograph(images.path(), "a.png");
     photograph(images.path(), "b ü.png");
-    let scene = colmap::read_scene(model.path(), images.path()).unwrap().scene;
+    let scene = colmap::read_scene(model.path(), Some(images.path())).unwrap().scene;
     Model::from_scene(&scene).write_binary(exported.path()).unwrap();
-    assert_eq!(colmap::read_scene(exported.path(), images.path()).unwrap().scene, scene);
+    assert_eq!(colmap::read_scene(exported.path(), Some(images.path())).unwrap().scene, scene);
     let again = Model::read(exported.path()).unwrap();
     let (image, keypoint) = again.points[0].track[1];
     let image = again.images.iter().find(|candidate| candidate.id == image).unwrap();

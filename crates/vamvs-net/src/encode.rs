@@ -72,8 +72,9 @@ impl Network {
         let large = enlarged(&image, enlarge)?;
         let mut levels = if flow { self.encode_flow(&large)? } else { self.without_flow(&large)? };
         let runs_layers = native::runs_layers(self, &levels);
-        if native::correlates(self, &levels) || runs_layers {
-            for level in &mut levels {
+        let correlates = |level: &Tensor| native::correlates(self, std::slice::from_ref(level));
+        for level in &mut levels {
+            if runs_layers || correlates(level) {
                 *level = native::channels_last(level)?;
             }
         }
@@ -84,8 +85,9 @@ impl Network {
         if enlarge > 1 {
             coarse.push(self.encode_coarse(&image)?);
         }
-        if runs_layers && self.manifest().aggregation.relates_pairs() {
-            for features in &mut coarse {
+        let relates_pairs = runs_layers && self.manifest().aggregation.relates_pairs();
+        for features in &mut coarse {
+            if relates_pairs || correlates(features) {
                 *features = native::channels_last(features)?;
             }
         }

@@ -258,7 +258,7 @@ impl Estimator {
     }
 
     /// As [`Estimator::estimate`], and also returns the visibility of the reference view's pixels in each source view,
-    /// in [0, 1], at the coarse resolution. The list is empty unless the aggregation weighs views.
+    /// in [0, 1], at the coarse resolution, without the padding. The list is empty unless the aggregation weighs views.
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -272,7 +272,14 @@ impl Estimator {
         self.check(sources, planes)?;
         tch::no_grad(|| {
             let (stages, masks) = self.stages_seen(reference, sources, planes, None, profile)?;
-            let grid = |mask: &Tensor| to_grid(&mask.f_squeeze_dims([0, 1].as_slice())?);
+            let [height, width] = {
+                let Size { width, height } = reference.camera.size;
+                [height, width].map(|side| (side / reference.stride) as i64)
+            };
+            let grid = |mask: &Tensor| {
+                let padded = mask.f_squeeze_dims([0, 1].as_slice())?;
+                to_grid(&padded.f_narrow(0, 0, height)?.f_narrow(1, 0, width)?)
+            };
             let seen = masks.iter().map(grid).collect::<Result<_, _>>()?;
             Ok((self.depth_map(reference, planes, &stages)?, seen))
         })

@@ -59,14 +59,12 @@ pub fn reconstruct(
         // With a fovea, points outside of the box are wanted too.
         fusion.roi = None;
     }
-    let needed = |kind: &str| {
-        let text = format!("{kind}= needs images=, the folder of photographs");
-        images.clone().ok_or_else(|| PyTypeError::new_err(text))
-    };
     let input = match (colmap, cams, nerfstudio, bundler, nvm, openmvs) {
-        (Some(model), None, None, None, None, None) => Input::Colmap { model, images: needed("colmap")? },
+        (Some(model), None, None, None, None, None) => Input::Colmap { model, images },
         (None, Some(cams), None, None, None, None) => {
-            Input::Mvsnet { cams, images: needed("cams")?, pairs, options: mvsnet::Options::default() }
+            let text = "cams= needs images=, the folder of photographs";
+            let images = images.ok_or_else(|| PyTypeError::new_err(text))?;
+            Input::Mvsnet { cams, images, pairs, options: mvsnet::Options::default() }
         }
         (None, None, Some(transforms), None, None, None) => Input::Nerfstudio { transforms, images },
         (None, None, None, Some(bundle), None, None) => Input::Bundler { bundle, images },

@@ -46,7 +46,8 @@ pub fn load(py: Python<'_>, input: &Input) -> PyResult<Loaded> {
 #[pymethods]
 impl Scene {
     #[staticmethod]
-    fn from_colmap(py: Python<'_>, model: PathBuf, images: PathBuf) -> PyResult<Self> {
+    #[pyo3(signature = (model, images = None))]
+    fn from_colmap(py: Python<'_>, model: PathBuf, images: Option<PathBuf>) -> PyResult<Self> {
         Self::read(py, &Input::Colmap { model, images })
     }
 

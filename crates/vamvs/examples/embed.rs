@@ -8,7 +8,7 @@ use vamvs::{Input, Reconstruction, VamvsError};
 
 fn main() -> Result<(), VamvsError> {
     let [model, images, out] = [1, 2, 3].map(|n| PathBuf::from(std::env::args().nth(n).unwrap_or_default()));
-    let scene = Input::Colmap { model, images }.load()?;
+    let scene = Input::Colmap { model, images: Some(images) }.load()?;
     let done = Reconstruction::new(scene).run(&out, &mut |event| {
         eprintln!("{event:?}");
         ControlFlow::Continue(())

@@ -67,22 +67,31 @@ pub fn estimate(job: &DepthJob<'_>, on_event: &mut OnEvent<'_>) -> Result<DepthS
 /// Makes the output folder for the views that will have a depth map; [`estimate`] does this too.
 ///
 /// # Errors
-/// If the folder is the scene's own, holds depth maps of other views, or cannot be made.
+/// If the folder is the scene's own, holds depth maps of other views or files that vamvs has not written and would
+/// overwrite, or cannot be made.
 pub fn prepare(job: &DepthJob<'_>) -> Result<(), VamvsError> {
     let DepthJob { work, output, .. } = job;
     output.expect_apart(work.photographs.folder())?;
-    let names = names(&work.scene.views);
-    let planned = (0..names.len()).filter(|&view| work.plan.views[view].is_ok());
-    let maps: Vec<String> = planned.flat_map(|view| work.map_names(view, &names[view])).collect();
+    let maps = planned_maps(work);
     let maps: Vec<&str> = maps.iter().map(String::as_str).collect();
     output.prepare(&maps)?;
     let first = first_folder(job);
     if first == **output {
         // An interrupted run with two passes may have left first-pass maps.
-        output.photometric().remove(&maps)?;
+        let left = output.photometric();
+        if left.is_own() {
+            left.remove(&maps)?;
+        }
     } else {
         first.expect_apart(work.photographs.folder())?;
         first.prepare(&maps)?;
     }
     output.forget_views()
+}
+
+/// The names of all depth maps that are planned.
+fn planned_maps(work: &Prepared) -> Vec<String> {
+    let names = names(&work.scene.views);
+    let planned = (0..names.len()).filter(|&view| work.plan.views[view].is_ok());
+    planned.flat_map(|view| work.map_names(view, &names[view])).collect()
 }

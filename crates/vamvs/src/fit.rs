@@ -114,8 +114,14 @@ fn reduced(
     (method, free): (&Method, u64),
 ) -> Result<(Photographs, Plan), VamvsError> {
     let mut photographs = photographs.clone();
-    let sizes = std::iter::successors(Some(longest_side(&plan) as f64 * STEP), |size| Some(size * STEP));
-    for size in sizes.map(|size| size as usize).take_while(|&size| size >= SMALLEST) {
+    let (longest, needed) = (longest_side(&plan) as f64, most_bytes(&plan, method) as f64);
+    let sizes = std::iter::successors(Some(longest * STEP), |size| Some(size * STEP));
+    let mut sizes: Vec<usize> =
+        sizes.map(|size| size as usize).take_while(|&size| size >= SMALLEST).collect();
+    // What does not depend on the size stays, so that depth maps of these sizes need more than that.
+    let cannot_fit = |size: &usize| needed * (*size as f64 / longest).powi(2) > free as f64;
+    let first = sizes.iter().position(|size| !cannot_fit(size)).unwrap_or(sizes.len().saturating_sub(1));
+    for size in sizes.split_off(first) {
         if most_bytes(&plan, method) <= free {
             break;
         }

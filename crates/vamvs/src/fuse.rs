@@ -91,7 +91,7 @@ fn write_cloud(
     let report = run(&mut |fused| Ok(exporter.push(fused)?), on_event)?;
     let (points, fusing) = (report.total().points, begin.elapsed());
     if points > 0 {
-        exporter.finish(neighbours, &options.filter, on_event)?;
+        exporter.finish(neighbours, options, on_event)?;
     }
     let views = maps.names().iter().cloned().zip(report.views).collect();
     Ok(FuseSummary { points, views, skipped, fusing, exporting: begin.elapsed() - fusing })

@@ -23,10 +23,10 @@ pub enum Input {
     },
     /// A COLMAP model, text or binary.
     Colmap {
-        /// Folder of the model's files.
+        /// Folder of the model's files, or the workspace with one model in `sparse` or `sparse/0`.
         model: PathBuf,
-        /// Folder of photographs.
-        images: PathBuf,
+        /// Folder of photographs, if they are not in `images` of the workspace.
+        images: Option<PathBuf>,
     },
     /// nerfstudio's `transforms.json`.
     Nerfstudio {
@@ -83,7 +83,7 @@ impl Input {
             Self::Mvsnet { cams, images, pairs, options } => {
                 mvsnet::read_scene(cams, images, pairs.as_deref(), options)
             }
-            Self::Colmap { model, images } => colmap::read_scene(model, images),
+            Self::Colmap { model, images } => colmap::read_scene(model, images.as_deref()),
             Self::Nerfstudio { transforms, images } => nerfstudio::read_scene(transforms, images.as_deref()),
             Self::Bundler { bundle, images } => bundler::read_scene(bundle, images.as_deref()),
             Self::Nvm { nvm, images } => nvm::read_scene(nvm, images.as_deref()),

@@ -12,6 +12,7 @@
 //! from a plane sweep ([`Method::PlaneSweep`]).
 
 mod ceiling;
+mod claim;
 pub mod depth;
 pub mod error;
 pub mod eval;

@@ -14,6 +14,7 @@ use vamvs_core::{DepthMap, DepthRange, Grid, MonotoneMap, Planes, Rgb, Size, Sou
 use vamvs_io::{IoError, atomic, image, mvsnet, pfm, visibility};
 
 use crate::VamvsError;
+use crate::claim::{claim, is_claimed, release};
 
 /// The folders that every folder of depth maps has.
 const FOLDERS: [&str; 4] = ["cams", "images", "depths", "confidence"];
@@ -208,16 +209,25 @@ impl OutputFolder {
     /// Makes the folders for depth maps of views of these names.
     ///
     /// # Errors
-    /// If a folder cannot be made, or the folder holds depth maps of other views.
+    /// If a folder cannot be made, or the folder holds depth maps of other views, or files that vamvs has not written and
+    /// would overwrite.
     pub fn prepare(&self, names: &[&str]) -> Result<(), VamvsError> {
         self.expect_only(names)?;
-        self.make_folders()?;
+        self.make_folders(names)?;
         let folders = FOLDERS.iter().chain(&["normals", "visibility", "."]);
         folders.into_iter().try_for_each(|folder| remove_unfinished(&self.root.join(folder)))
     }
 
-    /// Makes the folders for depth maps.
-    pub(crate) fn make_folders(&self) -> Result<(), VamvsError> {
+    /// Makes the folders for depth maps of these names, unless files are there that vamvs has not written.
+    pub(crate) fn make_folders(&self, names: &[&str]) -> Result<(), VamvsError> {
+        let targets = || {
+            let of_maps =
+                names.iter().flat_map(|name| self.map_files(name).into_iter().chain([self.visibility(name)]));
+            let whole = ["fused.ply", "report.html"].map(|name| self.root.join(name));
+            of_maps.chain([self.pairs(), self.left_out_file(), self.fusion()]).chain(whole)
+        };
+        let known = self.is_own();
+        claim(&self.root, (!known).then(targets).into_iter().flatten())?;
         Ok(FOLDERS.iter().try_for_each(|folder| make_folder(&self.root.join(folder)))?)
     }
 
@@ -328,12 +338,28 @@ impl OutputFolder {
     }
 
     fn discard_map(&self, name: &str) -> Result<(), VamvsError> {
-        let files =
-            [self.record(name), self.cam(name), self.depth(name), self.confidence(name), self.image(name)];
-        files
-            .iter()
-            .chain(&[self.coarse_confidence(name), self.normals(name)])
-            .try_for_each(|file| remove(file))
+        self.map_files(name).iter().try_for_each(|file| remove(file))
+    }
+
+    /// The files of a depth map, the record first.
+    fn map_files(&self, name: &str) -> [PathBuf; 7] {
+        [
+            self.record(name),
+            self.cam(name),
+            self.depth(name),
+            self.confidence(name),
+            self.image(name),
+            self.coarse_confidence(name),
+            self.normals(name),
+        ]
+    }
+
+    /// Whether vamvs has made the folder. Earlier versions did not mark it, but left settings or records in it.
+    pub(crate) fn is_own(&self) -> bool {
+        let is_record = |entry: std::fs::DirEntry| entry.path().extension().is_some_and(|end| end == "json");
+        let has_records =
+            || self.root.join("depths").read_dir().is_ok_and(|all| all.flatten().any(is_record));
+        is_claimed(&self.root) || self.root.join("run.toml").is_file() || has_records()
     }
 
     /// Removes the depth maps of these names, and the folders that are empty then.
@@ -345,7 +371,8 @@ impl OutputFolder {
         let folders = ["cams", "images", "depths", "confidence", "normals", "visibility"]
             .map(|name| self.root.join(name));
         // A folder that holds something else stays.
-        folders.iter().chain([&self.root]).for_each(|folder| drop(std::fs::remove_dir(folder)));
+        folders.iter().for_each(|folder| drop(std::fs::remove_dir(folder)));
+        release(&self.root);
         Ok(())
     }
 
@@ -408,7 +435,8 @@ impl OutputFolder {
 }
 
 /// The views' names in the output folder: the photographs' names without extension; with it if two
-/// names are the same otherwise; with the view's number if they are still the same.
+/// names are the same otherwise, or if the name ends in `.coarse`, as files of coarse confidence do; with the view's number
+/// if they are still the same.
 #[must_use]
 pub fn names(views: &[View]) -> Vec<String> {
     let flat = |view: &View| view.name.replace('/', "__");
@@ -418,8 +446,11 @@ pub fn names(views: &[View]) -> Vec<String> {
     };
     let mut count = HashMap::new();
     views.iter().for_each(|view| *count.entry(stem(view)).or_insert(0) += 1);
-    let mut names: Vec<String> =
-        views.iter().map(|view| if count[&stem(view)] == 1 { stem(view) } else { flat(view) }).collect();
+    let stem_or_name = |view: &View| {
+        let stem = stem(view);
+        if count[&stem] == 1 && !stem.ends_with(".coarse") { stem } else { flat(view) }
+    };
+    let mut names: Vec<String> = views.iter().map(stem_or_name).collect();
     let mut taken = HashSet::new();
     for (number, name) in names.iter_mut().enumerate() {
         while !taken.insert(name.clone()) {

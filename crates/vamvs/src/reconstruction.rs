@@ -22,7 +22,7 @@ use crate::{
 /// use vamvs::{Input, Reconstruction};
 ///
 /// # fn main() -> Result<(), vamvs::VamvsError> {
-/// let scene = Input::Colmap { model: "sparse/0".into(), images: "images".into() }.load()?;
+/// let scene = Input::Colmap { model: "sparse/0".into(), images: Some("images".into()) }.load()?;
 /// let done = Reconstruction::new(scene).run("out".as_ref(), &mut |event| {
 ///     eprintln!("{event:?}");
 ///     ControlFlow::Continue(())

@@ -13,7 +13,7 @@ use vamvs_core::Scene;
 
 use crate::event::OnEvent;
 use crate::output::LeftOut;
-use crate::{Maps, OutputFolder, Photographs, VamvsError};
+use crate::{Maps, MemoryLimit, OutputFolder, Photographs, VamvsError};
 
 pub use vamvs_refine::{RefineError, RefineOptions, Refined};
 pub use vamvs_refine::{refine as refine_view, refine_geometric as refine_view_geometric};
@@ -35,6 +35,8 @@ pub struct RefineJob<'a> {
     pub geometric: bool,
     /// Where refined maps go.
     pub output: &'a OutputFolder,
+    /// How much memory the process may take. A view's own photographs and maps are in memory whatever the limit.
+    pub max_memory: MemoryLimit,
     /// Whether to refine again what exists already.
     pub force: bool,
 }

@@ -12,7 +12,8 @@ pub struct InputFlags {
     /// MVSNet layout: folder of NAME_cam.txt files.
     #[arg(long, value_name = "DIR", group = "scene")]
     pub cams: Option<PathBuf>,
-    /// COLMAP model: folder with cameras, images and points3D, .txt or .bin.
+    /// COLMAP model: folder with cameras, images and points3D, .txt or .bin, or a workspace with one model in
+    /// sparse or sparse/0.
     #[arg(long, value_name = "DIR", group = "scene")]
     pub colmap: Option<PathBuf>,
     /// nerfstudio or instant-ngp: transforms.json, or its folder.
@@ -27,7 +28,8 @@ pub struct InputFlags {
     /// OpenMVS: an interface file .mvs of undistorted images.
     #[arg(long, value_name = "FILE", group = "scene")]
     pub openmvs: Option<PathBuf>,
-    /// Folder of photographs [default: as the scene's file says; required with --cams and --colmap].
+    /// Folder of photographs [default: as the scene's file says; COLMAP: images/ of the workspace;
+    /// required with --cams].
     #[arg(long, value_name = "DIR")]
     pub images: Option<PathBuf>,
     /// MVSNet layout: source views [default: pair.txt in or next to --cams; else chosen from the cameras].

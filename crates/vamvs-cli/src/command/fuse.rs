@@ -64,7 +64,7 @@ pub fn merge_readable(
 ) -> Result<(Maps, FuseSummary)> {
     match merge(&maps, cloud, settings, progress) {
         Err(error) if is_unreadable(&error) => {
-            let maps = maps.readable(&mut |event| progress.show(event))?;
+            let maps = maps.readable(settings.fusion.max_memory, &mut |event| progress.show(event))?;
             super::expect_all_views(common, maps.left_out())?;
             let fused = merge(&maps, cloud, settings, progress)?;
             Ok((maps, fused))

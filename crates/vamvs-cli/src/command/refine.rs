@@ -20,7 +20,8 @@ pub fn run(arguments: &RefineArguments) -> Result<()> {
     settings.use_threads()?;
     let progress = Progress::of(&arguments.common);
     let mut show = |event| progress.show(event);
-    let maps = Maps::open(&arguments.depths, Masks::None, &mut show)?.readable(&mut show)?;
+    let limit = settings.depth.max_memory;
+    let maps = Maps::open(&arguments.depths, Masks::None, &mut show)?.readable(limit, &mut show)?;
     super::expect_all_views(&arguments.common, maps.left_out())?;
     let given = Photographed::new(arguments, &settings, &maps, &progress)?;
     let output = OutputFolder::new(&out(arguments, &maps));
@@ -39,6 +40,7 @@ pub fn run(arguments: &RefineArguments) -> Result<()> {
         views,
         geometric: !arguments.no_geometric,
         output: &output,
+        max_memory: limit,
         force: arguments.force,
     };
     let summary = refine(&job, &mut |event| progress.show(event))?;

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 use vamvs::io::masks::Masks;
 use vamvs::report::{self, FusionRecord};
-use vamvs::{FuseSummary, Maps};
+use vamvs::{FuseSummary, Maps, MemoryLimit};
 
 use crate::arguments::ReportArguments;
 use crate::progress::Progress;
@@ -15,8 +15,9 @@ use crate::settings::Settings;
 pub fn run(arguments: &ReportArguments) -> Result<()> {
     let progress = Progress::new(arguments.quiet);
     let mut show = |event| progress.show(event);
-    let maps = Maps::open(&arguments.out, Masks::None, &mut show)?.readable(&mut show)?;
-    let path = report::write(&maps, &mut show);
+    let limit = MemoryLimit::default();
+    let maps = Maps::open(&arguments.out, Masks::None, &mut show)?.readable(limit, &mut show)?;
+    let path = report::write(&maps, limit, &mut show);
     progress.finish();
     say!("{}", path?.display());
     Ok(())
@@ -33,7 +34,7 @@ pub fn keep(
     let Some(record) = FusionRecord::of(maps, cloud, &settings.fusion, fused) else { return Ok(()) };
     record.save(maps.root())?;
     if wanted {
-        let path = report::write(maps, &mut |event| progress.show(event))?;
+        let path = report::write(maps, settings.fusion.max_memory, &mut |event| progress.show(event))?;
         progress.say(&format!("report {}", path.display()));
     }
     Ok(())

@@ -193,6 +193,31 @@ fn the_scene_itself_is_never_overwritten() {
 }
 
 #[test]
+fn files_that_vamvs_has_not_written_stay() {
+    let scene = small();
+    let mine = scene.path("mine");
+    for file in ["pair.txt", "depths/0001.pfm", "visibility/0000.png", "normals/0002.pfm", "fused.ply"] {
+        std::fs::create_dir_all(mine.join(file).parent().unwrap()).unwrap();
+        write(&mine.join(file), "of somebody");
+        let before = content(&mine);
+        for arguments in [&QUICK[..], &[&QUICK[..], &["--step", "photometric", "--part", "1/1"]].concat()] {
+            let said = error_of(&scene.command_to(&mine, "depth", arguments).output().unwrap());
+            assert!(said.contains(file) && said.contains("was not written by vamvs"), "{said}");
+        }
+        assert!(content(&mine) == before);
+        std::fs::remove_dir_all(&mine).unwrap();
+    }
+    // What is not in the way stays too, and does not hinder.
+    std::fs::create_dir(&mine).unwrap();
+    write(&mine.join("notes.txt"), "of somebody");
+    for _ in 0..2 {
+        expect_success(&scene.command_to(&mine, "depth", &QUICK).output().unwrap());
+    }
+    assert_eq!(std::fs::read(mine.join("notes.txt")).unwrap(), b"of somebody");
+    assert!(!mine.join("photometric").exists());
+}
+
+#[test]
 fn masks_leave_no_depth_and_a_wrong_folder_of_masks_is_an_error() {
     let scene = small();
     let masks = scene.path("masks");

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use crate::fuse::true_maps;
-use crate::scene::{Scene, content, error_of, expect_success, vamvs};
+use crate::scene::{Scene, content, error_of, expect_success, stderr, vamvs, write};
 use vamvs::core::{Cloud, Grid, Lens};
 use vamvs::io::colmap::{Model, dense};
-use vamvs::io::{image, ply};
+use vamvs::io::{image, pfm, ply};
 
 fn fuse(folder: &Path, arguments: &[&str]) -> Cloud {
     let output = vamvs().arg("fuse").arg(folder).args(arguments).output().unwrap();
@@ -87,6 +87,29 @@ fn the_folder_of_a_network_is_fused_like_our_own() {
 }
 
 #[test]
+fn parts_of_a_fusion_are_not_used_for_other_depth_maps() {
+    let scene = Scene::new(128, 96, 4);
+    let network = scene.path("network");
+    std::fs::rename(true_maps(&scene).root(), &network).unwrap();
+    std::fs::rename(network.join("depths"), network.join("depth_est")).unwrap();
+    let step = |step: &str, part: [&str; 2]| {
+        let output = vamvs().arg("fuse").arg(&network).args(["--step", step]).args(part).output().unwrap();
+        expect_success(&output);
+        stderr(&output)
+    };
+    let done = || ["confirm", "merge"].map(|pass| step(pass, ["--part", "1/1"]).contains("was done"));
+    assert_eq!((done(), done()), ([false; 2], [true; 2]));
+    // A file of the same size.
+    let confidence = network.join("confidence/0002.pfm");
+    pfm::write(&confidence, &Grid::filled(scene.views[2].depth.size(), 0.2)).unwrap();
+    assert_eq!(done(), [false; 2]);
+    step("concatenate", ["--parts", "1"]);
+    let cloud = std::fs::read(network.join("vamvs.ply")).unwrap();
+    fuse(&network, &[]);
+    assert!(std::fs::read(network.join("vamvs.ply")).unwrap() == cloud);
+}
+
+#[test]
 fn nothing_is_exported_over_what_is_read() {
     let scene = Scene::new(64, 48, 3);
     let folder = true_maps(&scene);
@@ -113,6 +136,54 @@ fn nothing_is_exported_over_what_is_read() {
         assert!(error_of(&output).contains("choose another --out"));
     }
     assert!(content(&workspace) == before);
+}
+
+#[test]
+fn nothing_is_exported_over_what_vamvs_has_not_written() {
+    let scene = Scene::new(64, 48, 3);
+    let folder = true_maps(&scene);
+    let model = folder.root().join("colmap/sparse/points3D.bin");
+    std::fs::create_dir_all(model.parent().unwrap()).unwrap();
+    write(&model, "of somebody");
+    let refused = |arguments: &[&str]| {
+        let said = error_of(&vamvs().arg("fuse").arg(folder.root()).args(arguments).output().unwrap());
+        assert!(said.contains("was not written by vamvs"), "{said}");
+        assert!(!folder.cloud().exists());
+    };
+    refused(&["--export", "colmap"]);
+    assert_eq!(std::fs::read(&model).unwrap(), b"of somebody");
+    std::fs::remove_dir_all(folder.root().join("colmap")).unwrap();
+    // The depth maps of another run.
+    let other = Scene::new(64, 48, 3);
+    let run = true_maps(&other);
+    let before = content(run.root());
+    refused(&["--out", run.root().join("else.ply").to_str().unwrap(), "--depth-format", "pfm"]);
+    assert!(content(run.root()) == before);
+    // Its own exports it replaces.
+    for _ in 0..2 {
+        fuse(folder.root(), &["--export", "colmap,openmvs", "--depth-format", "exr"]);
+        let elsewhere = scene.path("cloud.ply");
+        fuse(folder.root(), &["--out", elsewhere.to_str().unwrap(), "--depth-format", "pfm,npy"]);
+    }
+}
+
+#[test]
+fn one_wrong_depth_does_not_make_pngs_coarse() {
+    let scene = Scene::new(64, 48, 3);
+    let folder = true_maps(&scene);
+    let mut depth = scene.views[1].depth.clone();
+    depth[(7, 5)] = 1e7;
+    pfm::write(&folder.depth("0001"), &depth).unwrap();
+    let output = vamvs().arg("fuse").arg(folder.root()).args(["--depth-format", "png"]).output().unwrap();
+    expect_success(&output);
+    assert!(stderr(&output).contains("1 depths"), "{}", stderr(&output));
+    let depths = folder.root().join("depths");
+    let step: f64 = std::fs::read_to_string(depths.join("png-step.txt")).unwrap().trim().parse().unwrap();
+    let read = vamvs::io::depth::read(&depths.join("0001.png"), step).unwrap();
+    for (place, (read, ground_truth)) in read.data().iter().zip(scene.views[1].depth.data()).enumerate() {
+        let expected = if place == 5 * 64 + 7 { 0.0 } else { *ground_truth };
+        assert!((read - expected).abs() <= 2e-3 * expected, "{read} or {expected}");
+    }
 }
 
 #[test]

@@ -89,3 +89,40 @@ fn depth_maps_are_not_refined_over_themselves() {
     let said = error_of(&refine(&scene, &["--out", &folder.root().display().to_string()]));
     assert!(said.contains("choose another folder"), "{said}");
 }
+
+#[test]
+fn cameras_that_vamvs_has_not_written_stay() {
+    let scene = Scene::new(SIZE.width, SIZE.height, 3);
+    coarse_maps(&scene);
+    let photographs = scene.path("photographs");
+    std::fs::rename(scene.path("images"), &photographs).unwrap();
+    let before = content(&scene.path("cams"));
+    let mut run = vamvs();
+    run.arg("refine").arg(scene.out()).arg("--cams").arg(scene.path("cams"));
+    run.arg("--images").arg(&photographs).arg("--out").arg(&scene.root);
+    let said = error_of(&run.output().unwrap());
+    assert!(said.contains("_cam.txt") && said.contains("was not written by vamvs"), "{said}");
+    assert!(content(&scene.path("cams")) == before && !scene.path("depths").exists());
+}
+
+#[test]
+fn another_confidence_or_camera_of_a_depth_map_makes_it_anew() {
+    let scene = Scene::new(SIZE.width, SIZE.height, 3);
+    let folder = coarse_maps(&scene);
+    let made = || {
+        let output = refine(&scene, &["--json"]);
+        expect_success(&output);
+        let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        said["made"].as_u64().unwrap()
+    };
+    assert_eq!((made(), made()), (3, 0));
+    let size = Size::new(SIZE.width / 8, SIZE.height / 8);
+    pfm::write(&folder.confidence("0001"), &Grid::filled(size, 0.3)).unwrap();
+    assert_eq!((made(), made()), (3, 0), "it is a source of all others");
+    let camera = folder.cams().join("0002_cam.txt");
+    let text = std::fs::read_to_string(&camera).unwrap();
+    let moved = text.replacen("0.1 ", "0.2 ", 1);
+    let moved = if moved == text { text.replacen("1.0", "0.99", 1) } else { moved };
+    write(&camera, moved);
+    assert!(made() > 0);
+}

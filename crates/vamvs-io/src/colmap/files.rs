@@ -4,16 +4,17 @@ use std::path::Path;
 
 use super::binary::Keypoints;
 use super::model::Model;
-use super::{binary, text};
-use crate::{IoError, Place};
+use super::{binary, text, workspace};
+use crate::IoError;
 
 impl Model {
-    /// Reads the model in `folder`: the binary files if there is a `cameras.bin`, else the text files.
+    /// Reads the model in `folder`: the binary files if there is a `cameras.bin`, else the text files. `folder` may also be
+    /// a workspace with one model, in `sparse` or in a numbered folder such as `sparse/0`.
     ///
     /// Quaternions are normalised. A model without a `points3D` file has no points.
     ///
     /// # Errors
-    /// If a file cannot be read or is malformed, a camera's model is not supported, a pose or a camera is
+    /// If there is no model or more than one, a file cannot be read or is malformed, a camera's model is not supported, a pose or a camera is
     /// invalid, an image's camera does not exist, an image's id or name occurs twice, or a name leads out of the
     /// image folder.
     pub fn read(folder: &Path) -> Result<Self, IoError> {
@@ -30,14 +31,9 @@ impl Model {
     }
 
     fn read_with(folder: &Path, keypoints: Keypoints) -> Result<Self, IoError> {
-        let model = if folder.join("cameras.bin").is_file() {
-            binary::read(folder, keypoints)?
-        } else if folder.join("cameras.txt").is_file() {
-            text::read(folder)?
-        } else {
-            let problem = "expected a COLMAP model with cameras.bin or cameras.txt, found neither";
-            return Err(IoError::malformed(folder, Place::Whole, problem));
-        };
+        let folder = &workspace::model(folder)?;
+        let is_binary = folder.join("cameras.bin").is_file();
+        let model = if is_binary { binary::read(folder, keypoints)? } else { text::read(folder)? };
         model.check(folder)?;
         Ok(model)
     }

@@ -6,15 +6,19 @@ use std::path::Path;
 use vamvs_core::{Camera, Scene, SparsePoint, View};
 
 use super::model::{Image, Model, Point};
+use super::workspace;
 use crate::masks::Masks;
 use crate::{IoError, Loaded, Place, folder};
 
-/// Reads the model in the folder `model` with the photographs in the folder `images`. Views are sorted by name and
-/// keep COLMAP's image ids.
+/// Reads the model in the folder `model`, as [`Model::read`] does, with the photographs in the folder `images`, or else in
+/// `images` in the folder of the model or up to two above, as in `images` and `sparse/0`. Views are sorted by name and keep
+/// COLMAP's image ids.
 ///
 /// # Errors
 /// If the model cannot be read (see [`Model::read`]) or has no images, or photographs are missing.
-pub fn read_scene(model: &Path, images: &Path) -> Result<Loaded, IoError> {
+pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
+    let model = &workspace::model(model)?;
+    let images = &images.map_or_else(|| workspace::images(model), |images| Ok(images.to_owned()))?;
     let Model { cameras, images: mut registered, points } = Model::read_without_keypoints(model)?;
     if registered.is_empty() {
         let problem = "expected registered images, found none";

@@ -76,7 +76,7 @@ impl PairReader {
     /// Reads the source views of the view with index `reference`.
     fn sources(&mut self, reference: usize) -> Result<Vec<Source>, IoError> {
         let count: usize = self.words.number("number of source views")?;
-        let mut sources: Vec<Source> = Vec::new();
+        let (mut sources, mut taken) = (Vec::new(), HashSet::from([reference]));
         for _ in 0..count {
             let view = self.view("source view")?;
             let score: f64 = self.words.number("score")?;
@@ -85,7 +85,7 @@ impl PairReader {
                     .words
                     .malformed(format!("score: expected a number of at least 0, found {score}")));
             }
-            if view == reference || sources.iter().any(|source| source.view == view) {
+            if !taken.insert(view) {
                 return Err(self.words.malformed("source view: expected other views, each once"));
             }
             sources.push(Source { view, score });

@@ -121,7 +121,7 @@ fn a_photograph_without_header_does_not_end_a_scene() {
     type Write = fn(&Path) -> Fixture;
     type Read = fn(&Path) -> Result<Loaded, IoError>;
     let layouts: [(Write, Read); 6] = [
-        (fixture::colmap_text, |f| colmap::read_scene(f, f)),
+        (fixture::colmap_text, |f| colmap::read_scene(f, Some(f))),
         (fixture::mvsnet, |f| mvsnet::read_scene(f, f, None, &mvsnet::Options::default())),
         (fixture::nerfstudio, |f| nerfstudio::read_scene(f, None)),
         (fixture::bundler, |f| bundler::read_scene(&f.join("bundle.out"), None)),

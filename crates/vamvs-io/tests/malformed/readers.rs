@@ -21,8 +21,8 @@ pub const COMPRESSED: usize = 1 << 30;
 macro_rules! with_readers {
     ($callback:ident) => {
         $callback! {
-            colmap_text: fixture::colmap_text, BASE, |f| colmap::read_scene(f, f).is_ok();
-            colmap_binary: fixture::colmap_binary, BASE, |f| colmap::read_scene(f, f).is_ok();
+            colmap_text: fixture::colmap_text, BASE, |f| colmap::read_scene(f, Some(f)).is_ok();
+            colmap_binary: fixture::colmap_binary, BASE, |f| colmap::read_scene(f, Some(f)).is_ok();
             colmap_depth_map: fixture::colmap_maps, BASE, |f| colmap::dense::read_depth_map(&f.join("d.bin")).is_ok();
             colmap_normal_map: fixture::colmap_maps, BASE, |f| colmap::dense::read_normal_map(&f.join("n.bin")).is_ok();
             mvsnet_folder: fixture::mvsnet, BASE, |f| {

@@ -11,7 +11,7 @@ use vamvs_core::Part;
 use vamvs_fusion::Schedule;
 
 use super::run::{Run, first_folder};
-use super::{DepthJob, DepthSummary, prepare};
+use super::{DepthJob, DepthSummary, planned_maps, prepare};
 use crate::event::OnEvent;
 use crate::output::{LeftOut, make_folder, read_json, remove_unfinished, write_json};
 use crate::{OutputFolder, Pass, Prepared, VamvsError};
@@ -122,8 +122,10 @@ pub fn record_file(output: &OutputFolder, step: DepthStep, part: Part) -> PathBu
 /// Makes the folders of depth maps. Other parts may be writing to them.
 fn make_folders(job: &DepthJob<'_>) -> Result<(), VamvsError> {
     job.output.expect_apart(job.work.photographs.folder())?;
-    job.output.make_folders()?;
-    first_folder(job).make_folders()?;
+    let maps = planned_maps(job.work);
+    let maps: Vec<&str> = maps.iter().map(String::as_str).collect();
+    job.output.make_folders(&maps)?;
+    first_folder(job).make_folders(&maps)?;
     Ok(make_folder(&job.output.root().join("parts"))?)
 }
 

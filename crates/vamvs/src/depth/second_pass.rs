@@ -56,6 +56,7 @@ impl Run<'_> {
             }
             let (name, begin) = (self.work.scene.views[view].name.clone(), Instant::now());
             let resumed = self.done.contains(&view);
+            self.maker.stay_below_ceiling(on_event)?;
             if !resumed && let Err(error) = self.refine_again(view)? {
                 self.leave_out(view, LeftOut { view: name, reason: error.with_causes() }, on_event)?;
                 continue;
@@ -82,9 +83,13 @@ impl Run<'_> {
             Err(error) => return Ok(Err(error)),
         };
         // A view that was left out has no depth map of the first pass, and never has one with this photograph.
-        let saved = |view: usize| self.first.saved(&self.names[view]).map(|record| record.made_of);
-        let first = |view: usize| saved(view).or_else(|| self.planned_hash(view));
-        let record = Record { made_of: made_again_of(view, plan, first), ..self.planned_record(view, plan) };
+        let saved = |view: usize| self.first.saved(&self.names[view]);
+        let first =
+            |view: usize| saved(view).map(|record| record.made_of).or_else(|| self.planned_hash(view));
+        let planned = self.planned_record(view, plan);
+        // The first pass knows which source views could be used; another process may have done it.
+        let sources = saved(view).map_or(planned.sources, |record| record.sources);
+        let record = Record { made_of: made_again_of(view, plan, first), sources, ..planned };
         let begin = Instant::now();
         let saved =
             SavedMap { map: &map, range: plan.planes.range, colour: &colour, normals: normals.as_ref() };

@@ -13,7 +13,8 @@ use vamvs_io::colmap::{Image, Model, Observation, Point, SeenByWriter};
 use vamvs_io::openmvs::ObservedPoint;
 use vamvs_io::{IoError, atomic, image};
 
-use super::{ExportedView, make_folder};
+use super::ExportedView;
+use crate::output::make_folder;
 use crate::{Maps, VamvsError};
 
 /// A workspace that is being written.

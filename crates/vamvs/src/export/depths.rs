@@ -2,11 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use vamvs_core::depth_map::is_valid;
 use vamvs_fusion::MapSource;
 use vamvs_io::{atomic, depth};
 
-use super::{DepthFormat, ExportOptions, ExportedView, make_folder};
-use crate::{Maps, VamvsError};
+use super::{DepthFormat, ExportOptions, ExportedView};
+use crate::claim::claim;
+use crate::output::make_folder;
+use crate::{Maps, OutputFolder, VamvsError};
+
+/// How many times the median depth PNGs hold, so that a step is at most a fraction of a percent of it.
+const MOST_TIMES_MEDIAN: f32 = 50.0;
 
 /// The folder of depth maps, if any are wanted.
 pub(super) struct DepthFolder {
@@ -16,16 +22,24 @@ pub(super) struct DepthFolder {
 }
 
 impl DepthFolder {
-    pub fn new(root: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
+    /// `depths/` in the folder of the cloud. Depth maps there that vamvs has not written, or that are those of another run,
+    /// are not overwritten.
+    pub fn new(maps: &Maps, beside: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
         if let Some(step) = options.png_step.filter(|step| !(step.is_finite() && *step > 0.0)) {
             let problem = format!("png-step must be a depth above 0, got {step}");
             return Err(VamvsError::Request(problem));
         }
-        let formats = options.depth_formats.clone();
-        if !formats.is_empty() {
-            make_folder(root)?;
+        let root = beside.join("depths");
+        let folder = Self { root, formats: options.depth_formats.clone(), png_step: options.png_step };
+        let is_of_run = same(beside, maps.root()) && OutputFolder::new(beside).is_own();
+        if folder.is_wanted() && is_of_run {
+            make_folder(&folder.root)?;
+        } else if folder.is_wanted() {
+            let views =
+                (0..maps.len()).flat_map(|view| folder.files(&maps.names()[view], maps.depth_file(view)));
+            claim(&folder.root, views.chain([folder.png_step_file()]))?;
         }
-        Ok(Self { root: root.to_owned(), formats, png_step: options.png_step })
+        Ok(folder)
     }
 
     pub fn is_wanted(&self) -> bool {
@@ -40,34 +54,69 @@ impl DepthFolder {
         }
         let step = match self.png_step {
             Some(step) => step,
-            None => depth::fitting_png_step(farthest(maps)?),
+            None => depth::fitting_png_step(farthest_for_png(maps)?),
         };
-        atomic::write(&self.root.join("png-step.txt"), |out| writeln!(out, "{step}"))?;
+        atomic::write(&self.png_step_file(), |out| writeln!(out, "{step}"))?;
         Ok(step)
     }
 
-    /// Writes a view's unmasked depths; never overwrites the file that the depth map was read from.
-    pub fn write_view(&self, view: &ExportedView, source: &Path, png_step: f64) -> Result<(), VamvsError> {
-        for format in &self.formats {
+    /// Writes a view's unmasked depths; never overwrites the file that the depth map was read from. Returns the number of
+    /// depths that PNGs do not have, because they do not fit a step that nobody asked for.
+    pub fn write_view(&self, view: &ExportedView, source: &Path, png_step: f64) -> Result<usize, VamvsError> {
+        let mut left_out = 0;
+        for path in self.files(view.name, source) {
+            let all = &view.all.depth;
+            if self.png_step.is_none() && path.extension().is_some_and(|end| end == "png") {
+                let fits = |depth: &f32| depth::fits_png(*depth, png_step);
+                left_out += all.data().iter().filter(|depth| !fits(depth)).count();
+                depth::write(&path, &all.map(|depth| if fits(depth) { *depth } else { 0.0 }), png_step)?;
+            } else {
+                depth::write(&path, all, png_step)?;
+            }
+        }
+        Ok(left_out)
+    }
+
+    /// The files of a view, without the one that its depth map was read from.
+    fn files(&self, name: &str, source: &Path) -> impl Iterator<Item = PathBuf> {
+        let file = move |format: &DepthFormat| {
             let extension = match format {
                 DepthFormat::Pfm => "pfm",
                 DepthFormat::Png => "png",
                 DepthFormat::Exr => "exr",
                 DepthFormat::Npy => "npy",
             };
-            let path = self.root.join(format!("{}.{extension}", view.name));
-            if path.canonicalize().ok() != source.canonicalize().ok() {
-                depth::write(&path, &view.all.depth, png_step)?;
-            }
-        }
-        Ok(())
+            self.root.join(format!("{name}.{extension}"))
+        };
+        self.formats.iter().map(file).filter(move |path| !same(path, source))
+    }
+
+    fn png_step_file(&self) -> PathBuf {
+        self.root.join("png-step.txt")
     }
 }
 
-fn farthest(maps: &Maps) -> Result<f64, VamvsError> {
-    let mut farthest = f32::MIN_POSITIVE;
+/// Whether both paths exist and lead to the same file or folder.
+fn same(a: &Path, b: &Path) -> bool {
+    a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
+}
+
+/// The farthest depth that PNGs are to hold: the farthest of all, but at most [`MOST_TIMES_MEDIAN`] times the median over the
+/// views of their median depths. So one wrong depth does not make all others coarse.
+fn farthest_for_png(maps: &Maps) -> Result<f64, VamvsError> {
+    let (mut farthest, mut medians) = (0.0_f32, Vec::with_capacity(maps.len()));
     for view in 0..maps.len() {
-        farthest = maps.load(view)?.map.depth.data().iter().copied().fold(farthest, f32::max);
+        let map = maps.load_map(view)?.map;
+        let mut depths: Vec<f32> =
+            map.depth.data().iter().copied().filter(|&depth| is_valid(depth)).collect();
+        farthest = depths.iter().copied().fold(farthest, f32::max);
+        medians.extend(median(&mut depths));
     }
-    Ok(f64::from(farthest))
+    let most = median(&mut medians).map_or(0.0, |median| MOST_TIMES_MEDIAN * median);
+    Ok(f64::from(farthest.min(most)))
+}
+
+fn median(values: &mut [f32]) -> Option<f32> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }

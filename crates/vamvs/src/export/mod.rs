@@ -12,15 +12,18 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use vamvs_core::Pinhole;
 use vamvs_fusion::{FuseOptions, FusedPoints, FusionView, MapSource, Surface};
-use vamvs_io::IoError;
 use vamvs_io::ply::PlyWriter;
 
+use crate::claim::claim;
 use crate::event::{OnEvent, tell};
-use crate::{Event, Maps, VamvsError};
+use crate::{Event, FusionOptions, Maps, VamvsError};
 use colmap::ColmapWorkspace;
 use depths::DepthFolder;
 use openmvs::OpenmvsScene;
 use thinned::Thinned;
+
+/// Memory for each pixel of a view that is exported: its maps and photograph, and copies in the formats of the exports.
+const BYTES_PER_PIXEL: u64 = 100;
 
 /// What is written next to the cloud.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -31,8 +34,8 @@ pub struct ExportOptions {
     pub programs: Vec<ExportTarget>,
     /// Depth maps in `depths/`, in these formats.
     pub depth_formats: Vec<DepthFormat>,
-    /// Depth of one grey level of a PNG, scene units; by default a round number in which all depths
-    /// fit.
+    /// Depth of one grey level of a PNG, scene units; by default a round number with which all depths up to 50 times the
+    /// median fit.
     pub png_step: Option<f64>,
 }
 
@@ -117,12 +120,12 @@ impl<'a> Exporter<'a> {
     pub fn finish(
         self,
         neighbours: &[Vec<usize>],
-        filter: &FuseOptions,
+        options: &FusionOptions,
         on_event: &mut OnEvent<'_>,
     ) -> Result<(), VamvsError> {
         self.ply.finish()?;
         let Exports { maps, .. } = self.exports;
-        let cameras = self.exports.write_views(neighbours, filter, on_event)?;
+        let cameras = self.exports.write_views(neighbours, options, on_event)?;
         let points = self.thinned.into_points();
         if let Some(colmap) = self.exports.colmap {
             colmap.finish(maps, &cameras, &points, self.cloud)?;
@@ -161,12 +164,17 @@ impl ExportOptions {
 impl<'a> Exports<'a> {
     fn begin(maps: &'a Maps, folder: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
         options.expect_apart(folder, [maps.root()])?;
+        for program in &options.programs {
+            let target = folder.join(program.folder());
+            let entries = target.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
+            claim(&target, entries)?;
+        }
         let wanted = |program: ExportTarget| {
             options.programs.contains(&program).then(|| folder.join(program.folder()))
         };
         let colmap = wanted(ExportTarget::Colmap).map(|folder| ColmapWorkspace::begin(maps, &folder));
         let openmvs = wanted(ExportTarget::Openmvs).map(|folder| OpenmvsScene::begin(maps, &folder));
-        let depths = DepthFolder::new(&folder.join("depths"), options)?;
+        let depths = DepthFolder::new(maps, folder, options)?;
         Ok(Self { maps, colmap: colmap.transpose()?, openmvs: openmvs.transpose()?, depths })
     }
 
@@ -175,7 +183,7 @@ impl<'a> Exports<'a> {
     fn write_views(
         &self,
         neighbours: &[Vec<usize>],
-        filter: &FuseOptions,
+        options: &FusionOptions,
         on_event: &mut OnEvent<'_>,
     ) -> Result<Vec<Pinhole>, VamvsError> {
         if self.colmap.is_none() && self.openmvs.is_none() && !self.depths.is_wanted() {
@@ -184,13 +192,24 @@ impl<'a> Exports<'a> {
         let png_step = self.depths.png_step(self.maps)?;
         let write = |view: usize| {
             let loaded = self.maps.load(view)?;
-            let view = ExportedView::new(view, &self.maps.names()[view], &loaded, filter)?;
-            self.depths.write_view(&view, self.maps.depth_file(view.number), png_step)?;
+            let view = ExportedView::new(view, &self.maps.names()[view], &loaded, &options.filter)?;
+            let left_out = self.depths.write_view(&view, self.maps.depth_file(view.number), png_step)?;
             self.write_for_programs(&view, &neighbours[view.number])?;
-            Ok(loaded.map.camera)
+            Ok((loaded.map.camera, left_out))
         };
         let total = self.maps.len();
-        for_all_views(total, write, &mut |done| tell(on_event, Event::Export { done, total }))
+        let at_once = self.maps.at_once(options.max_memory, BYTES_PER_PIXEL);
+        let mut progress = |done| tell(on_event, Event::Export { done, total });
+        let (cameras, left_out): (_, Vec<usize>) =
+            for_all_views(total, at_once, write, &mut progress)?.into_iter().unzip();
+        let left_out: usize = left_out.iter().sum();
+        if left_out > 0 {
+            let text = format!(
+                "{left_out} depths, very much nearer or farther than most, are left out of the PNGs, whose step is {png_step} (--png-step)"
+            );
+            tell(on_event, Event::Warning(text))?;
+        }
+        Ok(cameras)
     }
 
     fn write_for_programs(&self, view: &ExportedView, neighbours: &[usize]) -> Result<(), VamvsError> {
@@ -226,26 +245,19 @@ impl<'a> ExportedView<'a> {
     }
 }
 
-/// Runs `work` for all views, as many at a time as there are threads; `on_done` receives the number
-/// of finished views.
+/// Runs `work` for all views, `at_once` at a time; `on_done` receives the number of finished views.
 pub(crate) fn for_all_views<T: Send>(
     count: usize,
+    at_once: usize,
     work: impl Fn(usize) -> Result<T, VamvsError> + Sync,
     on_done: &mut dyn FnMut(usize) -> Result<(), VamvsError>,
 ) -> Result<Vec<T>, VamvsError> {
     let mut results = Vec::with_capacity(count);
     let views: Vec<usize> = (0..count).collect();
-    for batch in views.chunks(rayon::current_num_threads()) {
+    for batch in views.chunks(at_once) {
         let done: Result<Vec<T>, VamvsError> = batch.par_iter().map(|&view| work(view)).collect();
         results.extend(done?);
         on_done(results.len())?;
     }
     Ok(results)
-}
-
-/// Makes a folder and those above it.
-fn make_folder(path: &Path) -> Result<PathBuf, VamvsError> {
-    let failed = |source| IoError::System { action: "make the folder", path: path.to_owned(), source };
-    std::fs::create_dir_all(path).map_err(failed)?;
-    Ok(path.to_owned())
 }

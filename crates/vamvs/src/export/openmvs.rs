@@ -8,7 +8,8 @@ use vamvs_io::image;
 use vamvs_io::openmvs::{DepthMapFile, ObservedPoint, write_depth_map, write_scene};
 use vamvs_io::ply::PlyWriter;
 
-use super::{ExportedView, make_folder};
+use super::ExportedView;
+use crate::output::make_folder;
 use crate::{Maps, VamvsError};
 
 /// Largest number of views that a .dmap file can list, its own included.

@@ -15,10 +15,11 @@ use super::part_files::{FrameReader, Kind, PartFiles, path};
 use super::{FuseSummary, Sink, warn_of_memory, with_own_confidence, working_memory, write_cloud};
 use crate::event::OnEvent;
 use crate::memory::keeping_freed;
+use crate::photographs::hash_file;
 use crate::{Event, ExportOptions, FusionOptions, Maps, VamvsError};
 
 /// Increased whenever a change gives other part files for the same depth maps.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// A fusion that is done in parts.
 pub struct PartialFusion<'a> {
@@ -114,7 +115,7 @@ impl<'a> PartialFusion<'a> {
     }
 
     /// Joins the points of all `parts` parts into the cloud, writes the exports, and removes the
-    /// part files.
+    /// part files if there are any points.
     ///
     /// # Errors
     /// If a file of a part is missing or damaged, or as [`crate::fuse()`].
@@ -144,7 +145,9 @@ impl<'a> PartialFusion<'a> {
         };
         let wanted = (&self.options, exports);
         let fused = write_cloud((self.maps, &self.neighbours), cloud, wanted, run, on_event)?;
-        self.remove(parts);
+        if fused.points > 0 {
+            self.remove(parts);
+        }
         Ok(fused)
     }
 
@@ -204,17 +207,20 @@ impl<'a> PartialFusion<'a> {
     }
 }
 
-/// The hash of all inputs of the fusion: settings, views, and for each depth map the hash in its
-/// record or, without a record, its file size.
+/// The hash of all inputs of the fusion: settings, and for each view its camera, its mask, and the hash in its record or,
+/// without one, the content of its files.
 fn made_of(maps: &Maps, options: &FusionOptions, neighbours: &[Vec<usize>]) -> String {
     let mut hasher = blake3::Hasher::new();
     hasher.update(format!("{VERSION} {:?} {:?} {neighbours:?}", options.filter, options.roi).as_bytes());
     for (view, name) in maps.names().iter().enumerate() {
-        let made_of = maps.record(view).map(|record| record.made_of).unwrap_or_else(|| {
-            let size = std::fs::metadata(maps.depth_file(view)).map_or(0, |file| file.len());
-            format!("{size} bytes")
-        });
-        hasher.update(format!("{name} {made_of}").as_bytes());
+        hasher.update(format!("{name} {:?} {:?}", maps.camera(view), maps.pose(view)).as_bytes());
+        match maps.record(view) {
+            Some(record) => {
+                hasher.update(record.made_of.as_bytes());
+                maps.mask_file(view).iter().for_each(|file| hash_file(file, &mut hasher));
+            }
+            None => maps.files(view).for_each(|file| hash_file(&file, &mut hasher)),
+        }
     }
     hasher.finalize().to_hex().to_string()
 }

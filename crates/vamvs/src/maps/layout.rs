@@ -65,7 +65,7 @@ impl Layout {
     pub(super) fn read_scene(&self) -> Result<Loaded, VamvsError> {
         let (root, images) = (self.root(), self.root().join("images"));
         Ok(match self {
-            Self::Colmap(_) => colmap::read_scene(&root.join("sparse"), &images)?,
+            Self::Colmap(_) => colmap::read_scene(&root.join("sparse"), Some(&images))?,
             Self::Vamvs(_) | Self::Network(_) => {
                 mvsnet::read_scene(&root.join("cams"), &images, None, &mvsnet::Options::default())?
             }

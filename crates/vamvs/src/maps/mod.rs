@@ -18,12 +18,15 @@ use vamvs_io::{image, pfm};
 use crate::event::{OnEvent, tell};
 use crate::export::for_all_views;
 use crate::output::{ConfidenceKind, LeftOut, Record, names};
-use crate::{Event, OutputFolder, VamvsError, memory};
+use crate::{Event, MemoryLimit, OutputFolder, VamvsError, memory};
 use layout::Layout;
 
 /// Pixels of a map from which on the memory of its parts is returned to the system before the next part is read.
 /// Otherwise freed parts of a large map stay resident for a while, beside those that are read.
 const LARGE: usize = 1 << 23;
+
+/// Memory for each pixel of a view whose files are checked: its photograph, decoded, and its mask.
+const CHECKED_BYTES_PER_PIXEL: u64 = 24;
 
 /// Depth maps of the views of a scene.
 #[derive(Debug)]
@@ -100,9 +103,10 @@ impl Maps {
     ///
     /// # Errors
     /// If fewer than two remain.
-    pub fn readable(mut self, on_event: &mut OnEvent<'_>) -> Result<Self, VamvsError> {
+    pub fn readable(mut self, limit: MemoryLimit, on_event: &mut OnEvent<'_>) -> Result<Self, VamvsError> {
         let problem = |view: usize| Ok(self.checked(view).err().map(|error| error.with_causes()));
-        let problems = for_all_views(self.len(), problem, &mut |_| Ok(()))?;
+        let at_once = self.at_once(limit, CHECKED_BYTES_PER_PIXEL);
+        let problems = for_all_views(self.len(), at_once, problem, &mut |_| Ok(()))?;
         let kept: Vec<usize> = (0..self.len()).filter(|&view| problems[view].is_none()).collect();
         let names = self.names.iter().cloned().zip(problems);
         let left_out: Vec<LeftOut> =
@@ -114,6 +118,14 @@ impl Maps {
         self.names = kept.iter().map(|&view| self.names[view].clone()).collect();
         self.files = kept.iter().map(|&view| self.files[view].clone()).collect();
         Ok(Self { left_out, ..self })
+    }
+
+    /// How many views may be worked on at once that take so many bytes for each pixel: as many as there are threads, or as
+    /// fit into the memory, but at least one.
+    pub(crate) fn at_once(&self, limit: MemoryLimit, bytes_per_pixel: u64) -> usize {
+        let largest = self.cameras.iter().map(|camera| camera.size.area()).max().unwrap_or(1);
+        let fitting = limit.remaining() / (bytes_per_pixel * largest.max(1) as u64);
+        usize::try_from(fitting).unwrap_or(usize::MAX).clamp(1, rayon::current_num_threads())
     }
 
     /// The views that [`Maps::readable`] left out.
@@ -243,6 +255,18 @@ impl Maps {
         views.iter().map(bits).collect::<HashSet<_>>().len()
     }
 
+    /// The files of a view: depth, confidence, normals, photograph and mask, those that there are.
+    pub(crate) fn files(&self, view: usize) -> impl Iterator<Item = PathBuf> {
+        let MapFiles { image, depth, confidence, coarse_confidence, normals } = &self.files[view];
+        let optional = [confidence, coarse_confidence, normals].into_iter().flatten();
+        [depth, image].into_iter().chain(optional).cloned().chain(self.mask_file(view))
+    }
+
+    /// The mask of a view, if it has one.
+    pub(crate) fn mask_file(&self, view: usize) -> Option<PathBuf> {
+        self.masks.find(&self.scene.views[view].name)
+    }
+
     /// The file of a view's depth map.
     #[must_use]
     pub fn depth_file(&self, view: usize) -> &Path {
@@ -315,8 +339,7 @@ impl Maps {
     }
 
     fn mask(&self, view: usize, size: Size) -> Result<Option<Grid<bool>>, VamvsError> {
-        let path = self.masks.find(&self.scene.views[view].name);
-        Ok(path.map(|path| masks::load(&path, size)).transpose()?)
+        Ok(self.mask_file(view).map(|path| masks::load(&path, size)).transpose()?)
     }
 }
 

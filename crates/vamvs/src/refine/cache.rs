@@ -10,20 +10,15 @@ use crate::VamvsError;
 /// Memory for photographs, bytes.
 const CAPACITY: usize = 512 << 20;
 
-/// The photographs that were read last: as many as fit, but at least `fewest`.
+/// The photographs that were read last, as many as fit.
 #[derive(Default)]
 pub(crate) struct PhotoCache {
     photos: HashMap<usize, Rc<Photo>>,
     order: VecDeque<usize>,
     bytes: usize,
-    fewest: usize,
 }
 
 impl PhotoCache {
-    pub fn new(fewest: usize) -> Self {
-        Self { fewest, ..Self::default() }
-    }
-
     /// A view's photograph, read if it is not kept.
     pub fn get(
         &mut self,
@@ -37,7 +32,7 @@ impl PhotoCache {
         self.bytes += bytes(&photo);
         self.photos.insert(view, photo.clone());
         self.order.push_back(view);
-        while self.bytes > CAPACITY && self.order.len() > self.fewest {
+        while self.bytes > CAPACITY && self.order.len() > 1 {
             let oldest = self.order.pop_front().and_then(|view| self.photos.remove(&view));
             self.bytes -= oldest.as_deref().map_or(0, bytes);
         }

@@ -5,16 +5,17 @@ use std::rc::Rc;
 use std::time::Instant;
 
 use vamvs_core::depth_map::is_valid;
-use vamvs_core::{DepthMap, DepthRange, Photo, Source};
+use vamvs_core::{DepthMap, DepthRange, Photo, Size, Source};
 
 use super::cache::PhotoCache;
 use super::{RefineJob, RefineSummary, Refined, refine_view};
 use crate::output::{ConfidenceKind, LeftOut, Record, SavedMap, names};
 use vamvs_io::image;
 
+use crate::ceiling::Ceiling;
 use crate::event::{OnEvent, tell};
-use crate::photographs::hash_file;
-use crate::{Event, OutputFolder, Pass, VamvsError, geometric};
+use crate::photographs::{hash_file, working_cameras};
+use crate::{Event, OutputFolder, Pass, VamvsError, geometric, memory};
 
 /// Increased whenever a change gives other depth maps for the same inputs.
 const VERSION: u32 = 7;
@@ -32,6 +33,7 @@ pub(super) struct Run<'a> {
     /// For each depth map, those of its source views, best first.
     sources: Vec<Vec<usize>>,
     photos: PhotoCache,
+    ceiling: Ceiling,
     /// The folder of photometric depth maps, until all views are done.
     first: OutputFolder,
     /// Depth maps that are known to be in `first`.
@@ -52,7 +54,8 @@ impl<'a> Run<'a> {
             job,
             views,
             sources,
-            photos: PhotoCache::new(2 * job.views),
+            photos: PhotoCache::default(),
+            ceiling: Ceiling::new(job.max_memory, needed(job)),
             first: job.output.photometric(),
             has_first: HashSet::new(),
             hashes: HashMap::new(),
@@ -74,6 +77,10 @@ impl<'a> Run<'a> {
         let total = names.len();
         for (map, name) in names.iter().enumerate() {
             let begin = Instant::now();
+            if !self.ceiling.has_room() {
+                self.photos = PhotoCache::default();
+                memory::give_back();
+            }
             match self.view(map)? {
                 Ok(outcome) => {
                     let resumed = matches!(outcome, Outcome::Resumed);
@@ -228,7 +235,7 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// The hash of a view's photograph, mask, camera, pose and depth map.
+    /// The hash of a view's photograph, mask, camera and pose, and of all files of its depth map.
     fn hash(&mut self, map: usize) -> Result<blake3::Hash, VamvsError> {
         if let Some(hash) = self.hashes.get(&map) {
             return Ok(*hash);
@@ -238,7 +245,9 @@ impl<'a> Run<'a> {
             hasher.update(format!("{:?} {:?}", view.camera, view.cam_from_world).as_bytes());
             self.job.photographs.hash(view, &mut hasher);
         }
-        hash_file(self.job.maps.depth_file(map), &mut hasher);
+        let maps = self.job.maps;
+        hasher.update(format!("{:?} {:?}", maps.camera(map), maps.pose(map)).as_bytes());
+        maps.files(map).for_each(|file| hash_file(&file, &mut hasher));
         let hash = hasher.finalize();
         self.hashes.insert(map, hash);
         Ok(hash)
@@ -276,6 +285,14 @@ impl<'a> Run<'a> {
         self.job.output.write_left_out(&self.summary.skipped)?;
         Ok(self.summary)
     }
+}
+
+/// What refining the largest view takes with its source views' photographs, bytes.
+fn needed(job: &RefineJob<'_>) -> u64 {
+    let sizes = working_cameras(job.photographs, job.scene).into_iter().map(|camera| camera.size);
+    let photographs = 4 * job.views as u64;
+    let bytes = |size: Size| vamvs_refine::peak_bytes(size, job.options) + photographs * size.area() as u64;
+    sizes.map(bytes).max().unwrap_or(0)
 }
 
 /// The range of a map's depths, widened by 1 %.

@@ -16,7 +16,7 @@ use vamvs_picture::{CloudView, Legend, Page, Scale, Share, ShownCamera};
 
 use crate::event::{OnEvent, tell};
 use crate::output::LeftOut;
-use crate::{Event, Maps, OutputFolder, VamvsError};
+use crate::{Event, Maps, MemoryLimit, OutputFolder, VamvsError};
 pub use record::{FusedView, FusionRecord};
 use view::ViewPanel;
 
@@ -28,19 +28,24 @@ const COLOURS: [&str; 7] =
 /// than the fusion.
 const MOST_PICTURED: usize = 60;
 
+/// Memory for each pixel of a view whose pictures are made.
+const BYTES_PER_PIXEL: u64 = 60;
+
 /// Writes the page of depth maps, `report.html` in their folder; returns its path.
 ///
 /// # Errors
 /// If a file is missing or malformed, or the page cannot be written.
-pub fn write(maps: &Maps, on_event: &mut OnEvent<'_>) -> Result<PathBuf, VamvsError> {
+pub fn write(maps: &Maps, limit: MemoryLimit, on_event: &mut OnEvent<'_>) -> Result<PathBuf, VamvsError> {
     let path = maps.root().join("report.html");
-    Report::open(maps)?.page(on_event)?.save(&path)?;
+    Report::open(maps, limit)?.page(on_event)?.save(&path)?;
     Ok(path)
 }
 
 /// What the page is made of.
 struct Report<'a> {
     maps: &'a Maps,
+    /// How much memory the process may take.
+    limit: MemoryLimit,
     fusion: Option<FusionRecord>,
     /// `run.toml`, if there is one.
     settings: Option<String>,
@@ -49,13 +54,13 @@ struct Report<'a> {
 }
 
 impl<'a> Report<'a> {
-    fn open(maps: &'a Maps) -> Result<Self, VamvsError> {
+    fn open(maps: &'a Maps, limit: MemoryLimit) -> Result<Self, VamvsError> {
         let settings = maps.root().join("run.toml");
         let read = |source| IoError::System { action: "read", path: settings.clone(), source };
         let text = settings.is_file().then(|| std::fs::read_to_string(&settings).map_err(read));
         let fusion = FusionRecord::load(maps.root())?;
         let left_out = left_out(maps, fusion.as_ref())?;
-        Ok(Self { maps, fusion, settings: text.transpose()?, left_out })
+        Ok(Self { maps, limit, fusion, settings: text.transpose()?, left_out })
     }
 
     fn page(&self, on_event: &mut OnEvent<'_>) -> Result<Page, VamvsError> {
@@ -137,7 +142,8 @@ impl<'a> Report<'a> {
         }
         page.begin_panels();
         let load = |index: usize| ViewPanel::load(self.maps, pictured[index]);
-        let panels = crate::export::for_all_views(total, load, &mut |done| {
+        let at_once = self.maps.at_once(self.limit, BYTES_PER_PIXEL);
+        let panels = crate::export::for_all_views(total, at_once, load, &mut |done| {
             tell(on_event, Event::Report { done, total })
         })?;
         for panel in &panels {
