@@ -309,7 +309,7 @@ pub struct DepthFlags {
     #[arg(long, value_enum)]
     pub spacing: Option<Spacing>,
     /// Depth range of all views, scene units [default: each view's own].
-    #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"])]
+    #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"], allow_negative_numbers = true)]
     pub depth_range: Option<Vec<f64>>,
     /// Region of interest: depth only inside of this box in world coordinates.
     #[arg(long, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_negative_numbers = true)]

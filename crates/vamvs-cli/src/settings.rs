@@ -1,7 +1,7 @@
 //! All settings of a run: defaults, then the configuration file, then flags. The result is written
 //! next to the outputs, so that a run can be repeated.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
@@ -65,19 +65,26 @@ pub struct InputSettings {
 impl Settings {
     /// The configuration file's settings, or the defaults.
     pub fn load(common: &CommonFlags) -> Result<Self> {
-        let mut settings = match &common.config {
-            None => Self::default(),
-            Some(path) => {
-                let text = std::fs::read_to_string(path)
-                    .with_context(|| format!("cannot read {}", path.display()))?;
-                toml::from_str(&text)
-                    .with_context(|| format!("{} is not a settings file of vamvs", path.display()))?
-            }
-        };
+        let mut settings = common.config.as_deref().map_or_else(|| Ok(Self::default()), Self::read)?;
         set(&mut settings.threads, common.threads.map(Some));
         set(&mut settings.depth.max_memory, common.max_memory);
         set(&mut settings.fusion.max_memory, common.max_memory);
         Ok(settings)
+    }
+
+    fn read(path: &Path) -> Result<Self> {
+        let text =
+            std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        toml::from_str(&text).with_context(|| format!("{} is not a settings file of vamvs", path.display()))
+    }
+
+    /// Takes over the scene of the run whose depth maps are in `folder`, if its settings are there.
+    pub fn apply_run(&mut self, folder: &Path) -> Result<()> {
+        let run = folder.join("run.toml");
+        if run.is_file() {
+            self.input = Self::read(&run)?.input;
+        }
+        Ok(())
     }
 
     /// The same settings with absolute paths.
@@ -98,7 +105,7 @@ impl Settings {
     }
 
     /// The settings as TOML.
-    pub fn save(&self, path: &std::path::Path) -> Result<()> {
+    pub fn save(&self, path: &Path) -> Result<()> {
         let text = toml::to_string_pretty(self).context("the settings cannot be written as TOML")?;
         Ok(vamvs::io::atomic::write(path, |out| out.write_all(text.as_bytes()))?)
     }
@@ -279,6 +286,12 @@ mod depth {
             set(&mut depth.enlarge, flags.enlarge);
             set(&mut depth.min_brightness, flags.min_brightness);
             set(&mut depth.max_brightness, flags.max_brightness);
+            if depth.min_brightness > depth.max_brightness {
+                let (least, most) = (depth.min_brightness, depth.max_brightness);
+                bail!(
+                    "--min-brightness {least} and --max-brightness {most} leave no pixel: expected the former below the latter"
+                );
+            }
             set(&mut depth.views, flags.views);
             set(&mut depth.planes, flags.planes.map(Some));
             set(&mut depth.max_planes, flags.max_planes);

@@ -15,8 +15,7 @@
     reason = "one lane of many arrays at a time, as the compiler turns into vectors"
 )]
 
-use crate::alternate::FLAT;
-use crate::lanes::{LANES, Lanes, bits, first_lanes};
+use crate::lanes::{LANES, Lanes, bits};
 use crate::pair::Pair;
 use crate::photometric::FilteredView;
 use crate::round_trip::{Answers, Strip, ask};
@@ -59,19 +58,10 @@ impl<'a> Rule<'a> {
         Self { reference, pairs, options, votes: Votes::of(options) }
     }
 
-    /// How much the inverse depth of a pixel may differ from the mean of its neighbours', as a share, for all three to be on
-    /// one surface, where their answers are alike. The classic rule asks all pixels.
-    pub fn flat(&self) -> f32 {
-        if self.votes.are_counted_only { 0.0 } else { FLAT * self.options.max_relative_depth }
-    }
-
-    /// The confirmed ones of these pixels of row `y`, one bit each; `needed` are the votes that each pixel of the row needs.
-    pub fn confirmed(&self, pixels: &[usize], y: usize, needed: &[f32]) -> u64 {
-        let strip = Strip::of_pixels(pixels, y, self.reference.samples.row(y));
-        let asked = first_lanes(pixels.len());
-        let mut needed_here = [f32::INFINITY; LANES];
-        needed_here.iter_mut().zip(pixels).for_each(|(here, &x)| *here = needed[x]);
-        let needed = needed_here;
+    /// The confirmed pixels of a strip that begins at pixel `first` of row `y`, one bit each.
+    pub fn confirmed(&self, strip: &Strip, (first, y): (usize, usize)) -> u64 {
+        let asked = bits(&strip.inverse_depth.map(|w| w > 0.0));
+        let needed = self.needed(first, y);
         let mut tally = Tally { views: [0.0; LANES], support: [0.0; LANES], against: [0.0; LANES] };
         let mut answers = Answers::new();
         for (done, pair) in self.pairs.iter().enumerate() {
@@ -79,24 +69,15 @@ impl<'a> Rule<'a> {
             if open == 0 {
                 break;
             }
-            ask(pair, &strip, open, &mut answers);
+            ask(pair, strip, open, &mut answers);
             count(&answers, CLEARLY_BEHIND * self.options.max_relative_depth, &mut tally);
         }
         asked & self.accepted(&tally, &needed)
     }
 
-    /// The votes that each pixel of row `y` needs.
-    pub fn needed(&self, y: usize) -> Vec<f32> {
-        let width = self.reference.samples.width();
-        let mut needed: Vec<f32> =
-            (0..width).step_by(LANES).flat_map(|first| self.needed_from(first, y)).collect();
-        needed.truncate(width);
-        needed
-    }
-
     /// The votes that each pixel needs: the less confident the pixel, the more, and many at an edge,
     /// where depth maps have skirts between a surface and what is behind it.
-    fn needed_from(&self, first: usize, y: usize) -> Lanes {
+    fn needed(&self, first: usize, y: usize) -> Lanes {
         let mut needed = [f32::INFINITY; LANES];
         let own = &self.reference.samples.row(y)[first..];
         let factor = |[_, own]: &[f32; 2]| self.options.min_support / own.sqrt();
@@ -276,8 +257,8 @@ mod tests {
     fn are_confirmed(views: &[FilteredView], options: &FuseOptions) -> bool {
         let (reference, sources) = (&views[0], &views[1..]);
         let pairs: Vec<_> = sources.iter().map(|source| Pair::new(reference, 1, source, options)).collect();
-        let rule = Rule::new(reference, &pairs, options);
-        rule.confirmed(&[32], 24, &rule.needed(24)) == 1
+        let strip = Strip::of_row(24, 0, reference.samples.row(24));
+        Rule::new(reference, &pairs, options).confirmed(&strip, (0, 24)) >> 32 & 1 == 1
     }
 
     const OWN: Wall = Wall { x: 0.0, error: 0.0, confidence: 1.0 };

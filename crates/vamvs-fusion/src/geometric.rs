@@ -1,16 +1,16 @@
 //! The geometric filter: do other views see the same surface there (section 4.2.2)?
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use vamvs_core::{Pose, Roi};
+use vamvs_core::{CloudPoint, Pose, Roi};
 
-use crate::alternate;
 use crate::bits::BitGrid;
 use crate::consistency::Rule;
-use crate::lanes::{LANES, bits, set_bits};
+use crate::lanes::{LANES, bits};
 use crate::pair::Pair;
 use crate::photometric::{FilteredView, focal};
+use crate::round_trip::Strip;
 use crate::{FuseOptions, ViewReport};
 
 /// The pixels of a view that passed the filters.
@@ -68,73 +68,76 @@ struct RowCount {
 }
 
 impl RowFilter<'_> {
-    /// Sets the bits of the pixels of row `y` that are kept.
-    fn keep(&self, y: usize, kept: &mut [u64]) -> RowCount {
-        let row = self.reference.samples.row(y);
-        let with_depth = with_depth(row);
-        let asked = match &self.roi {
-            Some(roi) => roi.inside(&with_depth, row, y),
-            None => with_depth.clone(),
-        };
-        let needed = self.rule.needed(y);
-        let confirmed = |pixels: &[usize]| self.rule.confirmed(pixels, y, &needed);
-        kept.copy_from_slice(&alternate::answers(&asked, row, self.rule.flat(), confirmed));
-        let mut count = RowCount { outside_roi: ones(&with_depth) - ones(&asked), ..RowCount::default() };
-        (count.kept, count.inconsistent) = (ones(kept), ones(&asked) - ones(kept));
-        for (kept, samples) in kept.iter().zip(row.chunks(LANES)) {
-            count.depths += depths(*kept, samples);
+    fn keep(&self, y: usize, row: &mut [u64]) -> RowCount {
+        let mut count = RowCount::default();
+        let strips = self.reference.samples.row(y).chunks(LANES);
+        for (number, (word, samples)) in row.iter_mut().zip(strips).enumerate() {
+            let mut strip = Strip::of_row(y, number * LANES, samples);
+            count.outside_roi += self.roi.as_ref().map_or(0, |roi| roi.remove_outside(&mut strip));
+            *word = self.rule.confirmed(&strip, (number * LANES, y));
+            count.add(*word, &strip);
         }
         count
     }
 }
 
-/// The pixels of a row that have a depth, one bit each.
-fn with_depth(row: &[[f32; 2]]) -> Vec<u64> {
-    let bits = |samples: &[[f32; 2]]| {
-        let mut with_depth = [false; LANES];
-        with_depth.iter_mut().zip(samples).for_each(|(with_depth, [w, _])| *with_depth = *w > 0.0);
-        bits(&with_depth)
-    };
-    row.chunks(LANES).map(bits).collect()
-}
-
-fn ones(row: &[u64]) -> u64 {
-    row.iter().map(|word| u64::from(word.count_ones())).sum()
-}
-
-/// The sum of the depths of at most [`LANES`] pixels, of those that are kept.
-fn depths(kept: u64, samples: &[[f32; 2]]) -> f64 {
-    // Eight sums, which do not wait for one another.
-    let mut depths = [0.0; 8];
-    for (lane, [inverse_depth, _]) in samples.iter().enumerate() {
-        depths[lane % 8] += if kept >> lane & 1 == 1 { 1.0 / inverse_depth } else { 0.0 };
+impl RowCount {
+    /// Counts the pixels of a strip; those of `kept` are confirmed.
+    fn add(&mut self, kept: u64, strip: &Strip) {
+        let asked = bits(&strip.inverse_depth.map(|w| w > 0.0));
+        self.kept += u64::from(kept.count_ones());
+        self.inconsistent += u64::from((asked & !kept).count_ones());
+        // Eight sums, which do not wait for one another.
+        let mut depths = [0.0; 8];
+        for (eight, inverse_depths) in strip.inverse_depth.as_chunks::<8>().0.iter().enumerate() {
+            for (lane, (sum, inverse_depth)) in depths.iter_mut().zip(inverse_depths).enumerate() {
+                let is_kept = kept >> (8 * eight + lane) & 1 == 1;
+                *sum += if is_kept { 1.0 / inverse_depth } else { 0.0 };
+            }
+        }
+        self.depths += depths.map(f64::from).iter().sum::<f64>();
     }
-    depths.map(f64::from).iter().sum()
 }
 
-struct RoiTest<'a> {
+/// Tells which pixels of a view have their points in a region.
+pub(crate) struct RoiTest<'a> {
     reference: &'a FilteredView,
     world_from_cam: Pose,
     roi: &'a Roi,
 }
 
 impl<'a> RoiTest<'a> {
-    fn new(reference: &'a FilteredView, roi: &'a Roi) -> Self {
+    pub fn new(reference: &'a FilteredView, roi: &'a Roi) -> Self {
         Self { reference, world_from_cam: reference.cam_from_world.inverse(), roi }
     }
 
-    /// The pixels of row `y` among `pixels` whose points are in the region, one bit each.
-    fn inside(&self, pixels: &[u64], row: &[[f32; 2]], y: usize) -> Vec<u64> {
-        let is_inside = |x: usize| self.contains(Vector2::new(x as f32 + 0.5, y as f32 + 0.5), row[x][0]);
-        let inside = |(word, &pixels): (usize, &u64)| {
-            let inside = set_bits(pixels).filter(|bit| is_inside(word * LANES + bit));
-            inside.fold(0, |bits, bit| bits | 1 << bit)
-        };
-        pixels.iter().enumerate().map(inside).collect()
+    /// Removes the pixels outside of the region from the strip; returns their number.
+    fn remove_outside(&self, strip: &mut Strip) -> u64 {
+        let mut removed = 0;
+        for (&x, inverse_depth) in strip.x.iter().zip(&mut strip.inverse_depth) {
+            if *inverse_depth > 0.0 && !self.contains(Vector2::new(x, strip.y), *inverse_depth) {
+                *inverse_depth = 0.0;
+                removed += 1;
+            }
+        }
+        removed
+    }
+
+    /// Puts the point of a pixel, whose mean of several views may lie outside of the region, where the pixel alone sees it.
+    pub fn hold(&self, point: &mut CloudPoint, (x, y): (usize, usize)) {
+        if !self.roi.contains(&point.x_in_world.into()) {
+            let pixel = Vector2::new(x as f32 + 0.5, y as f32 + 0.5);
+            point.x_in_world = self.point(pixel, self.reference.inverse_depth((x, y))).into();
+        }
     }
 
     fn contains(&self, pixel: Vector2<f32>, inverse_depth: f32) -> bool {
+        self.roi.contains(&self.point(pixel, inverse_depth))
+    }
+
+    /// The point of a pixel in the world.
+    fn point(&self, pixel: Vector2<f32>, inverse_depth: f32) -> Vector3<f64> {
         let ray = self.reference.camera.intrinsics.ray(&pixel.cast());
-        self.roi.contains(&self.world_from_cam.transform(&(ray / f64::from(inverse_depth))))
+        self.world_from_cam.transform(&(ray / f64::from(inverse_depth)))
     }
 }

@@ -19,7 +19,6 @@
 //! This crate reads and writes no files: depth maps come from a [`MapSource`], points go to a
 //! closure.
 
-mod alternate;
 mod appearance;
 mod bits;
 mod cache;

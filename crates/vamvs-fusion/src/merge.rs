@@ -11,10 +11,9 @@ use rayon::prelude::*;
 use vamvs_core::Size;
 
 use crate::FusedPoints;
-use crate::alternate;
-use crate::alternate::FLAT;
 use crate::appearance::SeenView;
 use crate::bits::BitGrid;
+use crate::geometric::RoiTest;
 use crate::lanes::{LANES, Lanes, bits, first_lanes, set_bits};
 use crate::mean::{Means, Viewpoint};
 use crate::pair::Pair;
@@ -40,6 +39,8 @@ pub(crate) struct Merger<'a> {
     /// How much the depths of views that agree may differ, as a share.
     pub max_relative_depth: f32,
     pub others: Vec<RivalView<'a>>,
+    /// The region of interest.
+    pub region: Option<RoiTest<'a>>,
 }
 
 /// A view that may see the same places.
@@ -70,14 +71,17 @@ impl Merger<'_> {
         let pixels = self.first_comers(y, answers);
         let mut points = FusedPoints::with_room(pixels.len());
         for pixels in pixels.chunks(LANES) {
-            let strip = Strip::of_pixels(pixels, y, self.reference.filtered.samples.row(y));
+            let strip = self.strip(pixels, y);
             means.begin(pixels, y);
             for other in &self.others {
                 ask(&other.pair, &strip, first_lanes(pixels.len()), answers);
                 means.add(&other.pair, other.seen, answers);
             }
             for lane in 0..pixels.len() {
-                let point = means.point(lane, self.max_relative_depth);
+                let mut point = means.point(lane, self.max_relative_depth);
+                if let Some(region) = &self.region {
+                    region.hold(&mut point, (pixels[lane], y));
+                }
                 let agreeing = self.others.iter().zip(means.agreeing(lane)).filter(|(_, agrees)| *agrees);
                 let views = agreeing.map(|(other, _)| other.pair.source_view);
                 points.push(point, std::iter::once(self.view).chain(views));
@@ -88,25 +92,22 @@ impl Merger<'_> {
 
     /// The kept pixels of a row whose places no view of higher priority takes.
     fn first_comers(&self, y: usize, answers: &mut Answers) -> Vec<usize> {
+        let mut pixels = Vec::new();
         let row = self.reference.filtered.samples.row(y);
-        let are_first = |pixels: &[usize]| self.are_first(pixels, y, answers);
-        let first = alternate::answers(self.kept.row(y), row, FLAT * self.max_relative_depth, are_first);
-        let columns = |(word, &bits): (usize, &u64)| set_bits(bits).map(move |bit| word * LANES + bit);
-        first.iter().enumerate().flat_map(columns).collect()
-    }
-
-    /// The lanes of these pixels of row `y` whose places no view of higher priority takes.
-    fn are_first(&self, pixels: &[usize], y: usize, answers: &mut Answers) -> u64 {
-        let strip = Strip::of_pixels(pixels, y, self.reference.filtered.samples.row(y));
-        let mut open = first_lanes(pixels.len());
-        for other in &self.others {
-            let may_be_taken = open & self.may_come_first(other, &strip);
-            if may_be_taken != 0 {
+        for (number, (&kept, samples)) in self.kept.row(y).iter().zip(row.chunks(LANES)).enumerate() {
+            let strip = Strip::of_row(y, number * LANES, samples);
+            let mut open = kept;
+            for other in &self.others {
+                let may_be_taken = open & self.may_come_first(other, &strip);
+                if may_be_taken == 0 {
+                    continue;
+                }
                 ask(&other.pair, &strip, may_be_taken, answers);
                 open &= !self.taken(other, &strip, answers, open);
             }
+            pixels.extend(set_bits(open).map(|lane| number * LANES + lane));
         }
-        open
+        pixels
     }
 
     /// The lanes in which another view may come before the reference view if it agrees. If it
@@ -136,6 +137,16 @@ impl Merger<'_> {
             }
         }
         taken
+    }
+
+    /// A strip of some pixels of row `y`.
+    fn strip(&self, pixels: &[usize], y: usize) -> Strip {
+        let mut strip = Strip::empty(y as f32 + 0.5);
+        for (lane, &x) in pixels.iter().enumerate() {
+            strip.x[lane] = x as f32 + 0.5;
+            strip.inverse_depth[lane] = self.reference.filtered.inverse_depth((x, y));
+        }
+        strip
     }
 }
 

@@ -9,7 +9,7 @@ use crate::appearance::SeenView;
 use crate::cache::ViewCache;
 use crate::collector::typical_footprint;
 use crate::event::{FuseEvent, OnFuseEvent, tell};
-use crate::geometric::keep;
+use crate::geometric::{RoiTest, keep};
 use crate::merge::{Merger, RivalView};
 use crate::outlet::{Outlet, Pending, Take};
 use crate::pair::Pair;
@@ -145,6 +145,7 @@ impl<S: MapSource + ?Sized> Merging<'_, S> {
             kept: &self.pixels[&view].bits,
             max_relative_depth: self.job.options.max_relative_depth,
             others: self.neighbours[view].iter().zip(&views[1..]).map(other).collect(),
+            region: self.job.roi.as_ref().map(|roi| RoiTest::new(&reference.filtered, roi)),
         }
     }
 }

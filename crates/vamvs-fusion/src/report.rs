@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 pub struct ViewReport {
     /// All pixels.
     pub pixels: u64,
-    /// Had no valid depth.
+    /// Had no valid depth, as pixels that were masked when the depth map was made.
     pub without_depth: u64,
-    /// Were masked out.
+    /// Were masked out in fusion.
     pub masked: u64,
     /// Were not confident enough (photometric filter).
     pub unconfident: u64,
@@ -59,8 +59,8 @@ impl ViewReport {
     #[must_use]
     pub fn outcomes(&self) -> [(&'static str, u64); 7] {
         [
-            ("without depth", self.without_depth),
-            ("masked", self.masked),
+            ("without depth, as where it was masked before", self.without_depth),
+            ("masked in fusion", self.masked),
             ("not confident", self.unconfident),
             ("outside of the region of interest", self.outside_roi),
             ("inconsistent with other views", self.inconsistent),
@@ -93,12 +93,11 @@ impl fmt::Display for ViewReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} points from {} pixels ({} without depth, {} masked, {} not confident, {} outside of the \
+            "{} points from {} pixels ({} without depth or masked, {} not confident, {} outside of the \
              region, {} inconsistent with other views, {} merged)",
             self.points,
             self.pixels,
-            self.without_depth,
-            self.masked,
+            self.without_depth + self.masked,
             self.unconfident,
             self.outside_roi,
             self.inconsistent,

@@ -53,12 +53,12 @@ impl Strip {
         Self { y, x: [0.0; LANES], inverse_depth: [0.0; LANES] }
     }
 
-    /// These pixels of row `y`, at most [`LANES`]; `row` has the row's inverse depths and confidences.
-    pub fn of_pixels(pixels: &[usize], y: usize, row: &[[f32; 2]]) -> Self {
+    /// The pixels of row `y` from `first` on; `row` has their inverse depths and confidences.
+    pub fn of_row(y: usize, first: usize, row: &[[f32; 2]]) -> Self {
         let mut strip = Self::empty(y as f32 + 0.5);
-        for (lane, &x) in pixels.iter().enumerate() {
-            (strip.x[lane], strip.inverse_depth[lane]) = (x as f32 + 0.5, row[x][0]);
-        }
+        strip.inverse_depth.iter_mut().zip(row).for_each(|(to, [inverse_depth, _])| *to = *inverse_depth);
+        let centres = (first..).map(|x| x as f32 + 0.5);
+        strip.x.iter_mut().zip(centres).for_each(|(to, x)| *to = x);
         strip
     }
 }
@@ -391,8 +391,7 @@ mod tests {
         let options = FuseOptions::default();
         let (reference, source) = (wall(0.0, 4.0, &options), wall(1.0, 4.0, &options));
         let pair = Pair::new(&reference, 1, &source, &options);
-        let pixels: Vec<usize> = (16..80).collect();
-        let strip = Strip::of_pixels(&pixels, 30, reference.samples.row(30));
+        let strip = Strip::of_row(30, 16, &reference.samples.row(30)[16..]);
         let mut answers = Answers::new();
         let mut asked = |open| {
             ask(&pair, &strip, open, &mut answers);

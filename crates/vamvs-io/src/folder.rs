@@ -44,6 +44,7 @@ fn is_image(path: &Path) -> bool {
 
 /// Fails if any of `names` is not a file in `folder`; the error names the first few of them.
 pub(crate) fn require<'a>(folder: &Path, names: impl Iterator<Item = &'a str>) -> Result<(), IoError> {
+    fs::metadata(folder).map_err(IoError::system("open the folder of photographs", folder))?;
     let missing: Vec<&str> = names.filter(|name| !folder.join(name).is_file()).collect();
     missing_images(folder, &missing)
 }

@@ -22,7 +22,7 @@ pub enum MemoryLimit {
 
 /// A text that is not a memory limit.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected an amount of memory such as 2GiB, 500MB or 70%, found {0:?}")]
+#[error("expected an amount of memory with its unit, such as 2GiB, 500MB or 70%, found {0:?}")]
 pub struct MemoryLimitError(String);
 
 impl MemoryLimit {
@@ -54,6 +54,8 @@ impl FromStr for MemoryLimit {
     fn from_str(text: &str) -> Result<Self, MemoryLimitError> {
         let limit = match text.strip_suffix('%') {
             Some(percent) => percent.parse().ok().filter(|p| (1..=100).contains(p)).map(Self::Percent),
+            // Whoever writes 8 does not mean bytes.
+            None if text.trim().bytes().all(|byte| byte.is_ascii_digit() || byte == b'.') => None,
             None => text.parse().ok().map(|ByteSize(bytes)| Self::Bytes(bytes)).filter(|l| l.bytes() > 0),
         };
         limit.ok_or_else(|| MemoryLimitError(text.to_owned()))
@@ -173,14 +175,14 @@ mod tests {
 
     #[test]
     fn amounts_are_read_and_written_and_nonsense_is_quoted() {
-        for (text, bytes) in [("2GiB", 2 << 30), ("500MB", 500_000_000), ("1.5 GiB", 3 << 29), ("64", 64)] {
+        for (text, bytes) in [("2GiB", 2 << 30), ("500MB", 500_000_000), ("1.5 GiB", 3 << 29), ("64 B", 64)] {
             let limit: MemoryLimit = text.parse().unwrap();
             assert_eq!(limit, MemoryLimit::Bytes(bytes));
             assert_eq!(limit.to_string().parse(), Ok(limit));
         }
         assert_eq!("70%".parse(), Ok(MemoryLimit::Percent(70)));
         assert_eq!(MemoryLimit::default().to_string(), "70%");
-        for wrong in ["", "0", "0%", "101%", "-1GiB", "2 apples", "%"] {
+        for wrong in ["", "0", "8", "0B", "0%", "101%", "-1GiB", "2 apples", "%"] {
             let error = MemoryLimit::from_str(wrong).unwrap_err();
             assert!(error.to_string().contains(&format!("{wrong:?}")), "{error}");
         }

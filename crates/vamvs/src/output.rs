@@ -338,7 +338,9 @@ impl OutputFolder {
     }
 
     fn discard_map(&self, name: &str) -> Result<(), VamvsError> {
-        self.map_files(name).iter().try_for_each(|file| remove(file))
+        // In other formats it would be another depth map than that which comes.
+        let exported = ["png", "exr", "npy"].map(|end| self.file("depths", name, &format!(".{end}")));
+        self.map_files(name).iter().chain(&exported).try_for_each(|file| remove(file))
     }
 
     /// The files of a depth map, the record first.

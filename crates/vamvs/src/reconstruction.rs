@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use vamvs_core::Scene;
+use vamvs_core::depth_range::RangeOrigin;
 use vamvs_io::Loaded;
 use vamvs_io::masks::Masks;
 
@@ -12,7 +13,7 @@ use crate::event::{OnEvent, tell};
 use crate::photographs::Origin;
 use crate::{
     DepthOptions, Event, ExportOptions, FuseSummary, FusionOptions, Maps, Method, OutputFolder, PhotoSource,
-    Photographs, Prepared, Quality, VamvsError, fit,
+    Photographs, Plan, Prepared, Quality, VamvsError, ViewPlan, fit,
 };
 
 /// A scene and the options of its reconstruction. Defaults are those of the `vamvs` command.
@@ -139,6 +140,7 @@ impl Reconstruction {
         let fitted = (&mut method, memory);
         let (photographs, plan) =
             fit::fit_to_memory(&self.scene, &photographs, &self.depth, fitted, on_event)?;
+        warning_of_guesses(&plan).map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
         Ok(Prepared { scene: self.scene, photographs, plan, method, options: self.depth })
     }
 
@@ -159,4 +161,16 @@ impl Reconstruction {
         let fusion = crate::fuse(&maps, &cloud, &fusion, &exports, on_event)?;
         Ok(Reconstructed { depth, fusion, cloud })
     }
+}
+
+/// A warning if depth ranges are known from the cameras alone.
+fn warning_of_guesses(plan: &Plan) -> Option<String> {
+    let is_guess = |view: &&ViewPlan| view.origin == Some(RangeOrigin::Geometry);
+    let guesses = plan.views.iter().flatten().filter(is_guess).count();
+    (guesses > 0).then(|| {
+        format!(
+            "the depth ranges of {guesses} view(s) are guesses from the cameras alone, as there are no sparse points: if depth \
+             maps are wrong, give --depth-range NEAR FAR"
+        )
+    })
 }

@@ -22,7 +22,7 @@ pub struct RefineArguments {
     /// Folder of depth maps, as for `vamvs fuse`.
     #[arg(value_name = "DEPTHS")]
     pub depths: PathBuf,
-    /// The scene with the photographs [default: those next to the depth maps].
+    /// The scene with the photographs [default: that of run.toml next to the depth maps, else the photographs there].
     #[command(flatten)]
     pub input: InputFlags,
     /// Folder for refined depth maps [default: refined/ next to the depth maps].

@@ -23,6 +23,9 @@ pub fn run(arguments: &RefineArguments) -> Result<()> {
     let limit = settings.depth.max_memory;
     let maps = Maps::open(&arguments.depths, Masks::None, &mut show)?.readable(limit, &mut show)?;
     super::expect_all_views(&arguments.common, maps.left_out())?;
+    if settings.input.given().next().is_none() {
+        settings.apply_run(maps.root())?;
+    }
     let given = Photographed::new(arguments, &settings, &maps, &progress)?;
     let output = OutputFolder::new(&out(arguments, &maps));
     if settings.input.given().chain([maps.root()]).any(|input| same(input, output.root())) {
@@ -73,6 +76,7 @@ impl Photographed {
         options.max_size = max_size;
         if settings.input.given().next().is_none() {
             let images = maps.root().join("images");
+            progress.say(&format!("photographs beside the depth maps, in {}", images.display()));
             let masks = settings.input.masks(&Masks::None)?;
             let photographs = Photographs::new(&images, masks, &options).full();
             return Ok(Self { scene: maps.scene().clone(), photographs });

@@ -276,6 +276,8 @@ fn weights_that_are_no_module_are_named() {
     let with_weights = ["--weights", weights.to_str().unwrap()];
     assert!(scene.error("depth", &with_weights).contains("weights.pt"));
     write(&weights, "not a module");
+    let misspelt = scene.error("depth", &["--weights", "vis-cor"]);
+    assert!(misspelt.contains("no such file") && misspelt.contains("vis-corr"), "{misspelt}");
     let said = scene.error("depth", &with_weights);
     assert!(said.contains("weights.pt") && said.contains("not a TorchScript module"), "{said}");
     // A module that lacks a method.

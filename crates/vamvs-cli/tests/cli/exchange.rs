@@ -165,6 +165,14 @@ fn nothing_is_exported_over_what_vamvs_has_not_written() {
         let elsewhere = scene.path("cloud.ply");
         fuse(folder.root(), &["--out", elsewhere.to_str().unwrap(), "--depth-format", "pfm,npy"]);
     }
+    // Those that it does not replace are told, and do not outlive their depth map.
+    let output = vamvs().arg("fuse").arg(folder.root()).args(["--export", "openmvs"]).output().unwrap();
+    let said = stderr(&output);
+    assert!(said.contains("colmap is of an earlier cloud") && !said.contains("openmvs is"), "{said}");
+    let exported = folder.root().join("depths/0001.exr");
+    assert!(exported.is_file());
+    folder.discard("0001").unwrap();
+    assert!(!exported.exists());
 }
 
 #[test]

@@ -126,3 +126,18 @@ fn another_confidence_or_camera_of_a_depth_map_makes_it_anew() {
     write(&camera, moved);
     assert!(made() > 0);
 }
+
+#[test]
+fn the_photographs_are_those_of_the_run_that_made_the_depth_maps() {
+    let scene = Scene::new(SIZE.width, SIZE.height, 3);
+    let run = ["--weights", "none", "--planes", "16", "--no-refine"];
+    expect_success(&scene.run("depth", &run));
+    let refine = || vamvs().arg("refine").arg(scene.out()).arg("--no-geometric").output().unwrap();
+    expect_success(&refine());
+    let refined = OutputFolder::new(&scene.out().join("refined"));
+    assert_eq!(pfm::read_depth(&refined.depth("0001")).unwrap().size(), SIZE);
+    // Without its settings there are only the photographs beside the depth maps, which are small.
+    std::fs::remove_file(scene.out().join("run.toml")).unwrap();
+    expect_success(&refine());
+    assert!(pfm::read_depth(&refined.depth("0001")).unwrap().width() < SIZE.width);
+}

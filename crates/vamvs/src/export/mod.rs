@@ -14,7 +14,7 @@ use vamvs_core::Pinhole;
 use vamvs_fusion::{FuseOptions, FusedPoints, FusionView, MapSource, Surface};
 use vamvs_io::ply::PlyWriter;
 
-use crate::claim::claim;
+use crate::claim::{claim, is_claimed};
 use crate::event::{OnEvent, tell};
 use crate::{Event, FusionOptions, Maps, VamvsError};
 use colmap::ColmapWorkspace;
@@ -93,8 +93,15 @@ struct Exports<'a> {
 }
 
 impl<'a> Exporter<'a> {
-    pub fn begin(maps: &'a Maps, cloud: &'a Path, options: &ExportOptions) -> Result<Self, VamvsError> {
-        let exports = Exports::begin(maps, cloud.parent().unwrap_or(Path::new("")), options)?;
+    pub fn begin(
+        maps: &'a Maps,
+        cloud: &'a Path,
+        options: &ExportOptions,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Self, VamvsError> {
+        let folder = cloud.parent().unwrap_or(Path::new(""));
+        options.warn_of_older(folder, on_event)?;
+        let exports = Exports::begin(maps, folder, options)?;
         let ply = PlyWriter::create(cloud, maps.coordinates())?;
         Ok(Self { cloud, ply, thinned: Thinned::default(), exports })
     }
@@ -135,6 +142,19 @@ impl<'a> Exporter<'a> {
 }
 
 impl ExportOptions {
+    /// Warns of exports in the folder of the cloud that are not written again and so remain those of another cloud.
+    fn warn_of_older(&self, folder: &Path, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
+        for program in [ExportTarget::Colmap, ExportTarget::Openmvs] {
+            let older = folder.join(program.folder());
+            if is_claimed(&older) && !self.programs.contains(&program) {
+                let (path, name) = (older.display(), program.folder());
+                let text = format!("{path} is of an earlier cloud; --export {name} writes it again");
+                tell(on_event, Event::Warning(text))?;
+            }
+        }
+        Ok(())
+    }
+
     /// Refuses to export over inputs: `inputs` are the folders that are read, `folder` is that of
     /// the cloud.
     ///

@@ -6,6 +6,7 @@ use std::path::Path;
 use vamvs_io::IoError;
 use vamvs_net::{Device, Network};
 
+use super::NONE;
 use crate::{Quality, VamvsError};
 
 /// The networks that are built in, by name.
@@ -29,6 +30,7 @@ enum Source<'a> {
 pub fn load(weights: Option<&Path>, device: Device) -> Result<Network, VamvsError> {
     Ok(match source(weights) {
         Source::BuiltIn(name, bytes) => Network::from_reader(bytes, device, name)?,
+        Source::File(path) if !path.exists() => return Err(not_there(path)),
         Source::File(path) => Network::load(path, device)?,
     })
 }
@@ -46,6 +48,14 @@ pub fn bytes(weights: Option<&Path>) -> Result<Cow<'static, [u8]>, VamvsError> {
             Ok(std::fs::read(path).map_err(failed)?.into())
         }
     }
+}
+
+fn not_there(path: &Path) -> VamvsError {
+    let names = BUILT_IN.map(|(name, _)| name).join(", ");
+    VamvsError::Request(format!(
+        "{}: no such file, and no built-in network: expected a module, {names} or {NONE}",
+        path.display()
+    ))
 }
 
 /// Whether this is the name of a built-in network rather than a file.
