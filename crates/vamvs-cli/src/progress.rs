@@ -73,12 +73,13 @@ impl Progress {
         match event {
             Event::Warning(text) => self.warn(&text),
             Event::DepthMap { name, pass, done, total, resumed, time } => {
-                let (bar, what) = match pass {
-                    Pass::Photometric => ("depth maps, first pass", "first pass"),
-                    Pass::Final => ("depth maps", "depth"),
+                let (bar, what, until) = match pass {
+                    Pass::Photometric => ("depth maps, first pass", "first pass", "left of this pass"),
+                    Pass::Final => ("depth maps", "depth", "left"),
                 };
                 self.step(bar, done, total);
-                let how = if resumed { "already there".to_owned() } else { self.paced(time, total - done) };
+                let how =
+                    if resumed { "already there".to_owned() } else { self.paced(time, total - done, until) };
                 let line = format!("{what} {done}/{total} {name}: {how}");
                 if self.verbose { self.say(&line) } else { self.say_without_bar(&line) }
             }
@@ -96,13 +97,13 @@ impl Progress {
     }
 
     /// The time of a depth map, and an estimate for the remaining ones.
-    fn paced(&self, time: Duration, others: usize) -> String {
+    fn paced(&self, time: Duration, others: usize, until: &str) -> String {
         let (seconds, made) = self.made.get();
         let (seconds, made) = (seconds + time.as_secs_f64(), made + 1);
         self.made.set((seconds, made));
         let left = seconds / made as f64 * others as f64;
         let left = HumanDuration(Duration::from_secs_f64(left.ceil()));
-        let left = if others > 0 { format!(", {left:#} left") } else { String::new() };
+        let left = if others > 0 { format!(", {left:#} {until}") } else { String::new() };
         format!("{:.1} s{left}", time.as_secs_f64())
     }
 

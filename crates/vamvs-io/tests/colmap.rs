@@ -308,7 +308,7 @@ fn comments_blank_lines_missing_keypoints_and_windows_line_ends_are_read() {
 #[test]
 fn a_folder_without_a_model_is_named() {
     let folder = tempdir().unwrap();
-    assert!(message(folder.path()).contains("found neither"));
+    assert!(message(folder.path()).contains("found none"));
     small_model().write_binary(folder.path()).unwrap();
     fs::remove_file(folder.path().join("images.bin")).unwrap();
     assert!(matches!(Model::read(folder.path()), Err(IoError::System { action: "open", .. })));

@@ -53,9 +53,13 @@ impl Network {
     /// Loads a `.pt` file.
     ///
     /// # Errors
-    /// If it holds no TorchScript module, its manifest does not follow the contract, or a method is missing
+    /// If there is no such file, it holds no TorchScript module, its manifest does not follow the contract, or a method is missing
     /// or returns other shapes than the contract says.
     pub fn load(path: &Path, device: Device) -> Result<Self, NetError> {
+        if !path.exists() {
+            let text = format!("{}: no such file, expected that of a TorchScript module", path.display());
+            return Err(NetError::Request(text));
+        }
         let module = CModule::load_on_device(path, device)
             .map_err(|source| NetError::NotAModule { path: path.to_owned(), source: Libtorch(source) })?;
         Self::new(module, device, path.display().to_string())

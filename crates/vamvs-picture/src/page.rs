@@ -61,6 +61,14 @@ pub struct Legend {
     pub high: String,
 }
 
+impl Legend {
+    /// A legend whose ends have these words.
+    #[must_use]
+    pub fn new(what: &'static str, scale: Scale, low: &str, high: &str) -> Self {
+        Self { what, scale, low: low.to_owned(), high: high.to_owned() }
+    }
+}
+
 impl Page {
     /// A page with a title and a sentence below it.
     #[must_use]

@@ -160,9 +160,9 @@ impl SceneEvaluation {
     fn views(&self, page: &mut Page) -> Result<(), VamvsError> {
         page.heading("Depth maps");
         page.legends(&[
-            legend("depth", Scale::Turbo, "near", "far"),
-            legend("relative error", Scale::Error, "0", "2 % and more; grey: none"),
-            legend("confidence", Scale::Confidence, "0", "1"),
+            Legend::new("depth", Scale::Turbo, "near", "far"),
+            Legend::new("relative error", Scale::Error, "0", "2 % and more; grey: none"),
+            Legend::new("confidence", Scale::Confidence, "0", "1"),
         ]);
         let shown = SHOWN.min(self.maps.len());
         for view in (0..shown).map(|index| index * self.maps.len() / shown) {
@@ -240,10 +240,6 @@ pub fn threshold(threshold: Threshold) -> String {
 #[must_use]
 pub fn percent(share: f64) -> String {
     number::percent(share, 2)
-}
-
-fn legend(what: &'static str, scale: Scale, low: &str, high: &str) -> Legend {
-    Legend { what, scale, low: low.to_owned(), high: high.to_owned() }
 }
 
 /// A point with nothing but its position.

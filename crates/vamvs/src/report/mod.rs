@@ -129,8 +129,8 @@ impl<'a> Report<'a> {
     fn views(&self, page: &mut Page, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
         page.heading("Views");
         page.legends(&[
-            legend("depth, each view by itself", Scale::Turbo, "near", "far; grey: none"),
-            legend("confidence", Scale::Confidence, "0", "1"),
+            Legend::new("depth, each view by itself", Scale::Turbo, "near", "far; grey: none"),
+            Legend::new("confidence", Scale::Confidence, "0", "1"),
         ]);
         let pictured = pictured(self.maps.len());
         let total = pictured.len();
@@ -218,10 +218,6 @@ fn shares(pixels: &ViewReport) -> Vec<Share> {
     let share = |count: u64| count as f64 / pixels.pixels.max(1) as f64;
     let outcomes = pixels.outcomes().into_iter().zip(COLOURS);
     outcomes.map(|((what, count), colour)| Share { what, colour, share: share(count) }).collect()
-}
-
-fn legend(what: &'static str, scale: Scale, low: &str, high: &str) -> Legend {
-    Legend { what, scale, low: low.to_owned(), high: high.to_owned() }
 }
 
 #[cfg(test)]
