@@ -42,11 +42,19 @@ fn is_image(path: &Path) -> bool {
     extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str()))
 }
 
-/// Fails if any of `names` is not a file in `folder`; the error names the first few of them.
-pub(crate) fn require<'a>(folder: &Path, names: impl Iterator<Item = &'a str>) -> Result<(), IoError> {
+/// A warning that some of `names` are not files in `folder`; fails if it is not a folder or half of them are not.
+pub(crate) fn warn_of_missing(folder: &Path, names: &[&str]) -> Result<Option<String>, IoError> {
     fs::metadata(folder).map_err(IoError::system("open the folder of photographs", folder))?;
-    let missing: Vec<&str> = names.filter(|name| !folder.join(name).is_file()).collect();
-    missing_images(folder, &missing)
+    let missing: Vec<&str> = names.iter().copied().filter(|name| !folder.join(name).is_file()).collect();
+    let Some(first) = missing.first() else { return Ok(None) };
+    if 2 * missing.len() >= names.len() {
+        missing_images(folder, &missing)?;
+    }
+    let text = format!(
+        "{} of the scene's images are missing, and their views are left out ({first} …)",
+        missing.len()
+    );
+    Ok(Some(text))
 }
 
 /// Fails if there are `missing` images; the error names the first few of them.
@@ -97,8 +105,20 @@ mod tests {
         assert_eq!(found.iter().map(String::as_str).collect::<Vec<_>>(), ["b.JPG", "left/a é.png"]);
         assert_eq!(warn_of_unused(&found, ["b.JPG", "left/a é.png"].into_iter()), None);
         assert!(warn_of_unused(&found, ["b.JPG"].into_iter()).unwrap().contains("1 images"));
-        assert!(require(folder.path(), ["b.JPG"].into_iter()).is_ok());
-        let error = require(folder.path(), ["b.JPG", "c.png"].into_iter()).unwrap_err();
-        assert!(error.to_string().contains("c.png"), "{error}");
+    }
+
+    #[test]
+    fn few_missing_images_are_a_warning_and_half_of_them_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.png", "b.png"] {
+            crate::atomic::write(&folder.path().join(name), |_| Ok(())).unwrap();
+        }
+        let missing = |names: &[&str]| warn_of_missing(folder.path(), names);
+        assert_eq!(missing(&["a.png", "b.png"]).unwrap(), None);
+        assert!(missing(&["a.png", "c.png", "b.png"]).unwrap().unwrap().contains("1 of the scene's images"));
+        assert!(missing(&["b.png", "c.png"]).unwrap_err().to_string().contains("c.png"));
+        assert!(
+            warn_of_missing(&folder.path().join("d"), &["a.png"]).unwrap_err().to_string().contains("folder")
+        );
     }
 }

@@ -107,7 +107,9 @@ impl Graph<'_> {
         let photograph = |view: &usize| {
             self.work.photographs.folder().map(|folder| folder.join(&self.work.scene.views[*view].name))
         };
-        let inputs = self.with_sources(own).iter().filter_map(photograph).collect();
+        let sources = self.with_sources(own);
+        // The views of photographs that are missing will be left out.
+        let inputs = sources.iter().filter_map(photograph).filter(|path| path.is_file()).collect();
         let gpu = self.work.method.is_on_gpu();
         Task { inputs, gpu, ..self.depth_step(DepthStep::Photometric, part) }
     }

@@ -2,7 +2,8 @@
 
 use crate::scene::{Scene, content, error_of, expect_success, stderr, vamvs, write};
 use vamvs::core::{Grid, Size};
-use vamvs::io::image;
+use vamvs::io::colmap::Model;
+use vamvs::io::{image, mvsnet};
 
 const QUICK: [&str; 4] = ["--iterations", "0", "--planes", "16"];
 
@@ -161,6 +162,38 @@ fn truncated_and_boastful_colmap_models_are_named() {
         let said = error_of(&output.unwrap());
         assert!(said.contains(expected), "{said}");
     }
+}
+
+#[test]
+fn a_missing_photograph_of_a_colmap_model_costs_its_view_alone() {
+    let scene = Scene::new(96, 64, 4);
+    let [cams, images, sparse] = ["cams", "images", "sparse/0"].map(|folder| scene.path(folder));
+    let loaded = mvsnet::read_scene(&cams, &images, None, &mvsnet::Options::default()).unwrap().scene;
+    std::fs::create_dir_all(&sparse).unwrap();
+    Model::from_scene(&loaded).write_text(&sparse).unwrap();
+    std::fs::remove_file(images.join("0002.png")).unwrap();
+    let range = loaded.views[1].depth_range.unwrap();
+    let depth = |more: &[&str]| {
+        let mut run = vamvs();
+        run.arg("depth")
+            .arg("--colmap")
+            .arg(&scene.root)
+            .arg("--out")
+            .arg(scene.out())
+            .args(QUICK)
+            .args(more);
+        run.arg("--depth-range")
+            .args([range.near, range.far].map(|depth| depth.to_string()))
+            .output()
+            .unwrap()
+    };
+    let output = depth(&[]);
+    expect_success(&output);
+    assert!(stderr(&output).contains("0002.png is left out"), "{}", stderr(&output));
+    assert!(scene.out().join("depths/0001.pfm").exists() && !scene.out().join("depths/0002.pfm").exists());
+    assert!(error_of(&depth(&["--strict"])).contains("0002.png"));
+    std::fs::remove_file(images.join("0003.png")).unwrap();
+    assert!(error_of(&depth(&[])).contains("2 of the scene's images missing"));
 }
 
 #[test]

@@ -15,7 +15,8 @@ use crate::{IoError, Loaded, Place, folder};
 /// COLMAP's image ids.
 ///
 /// # Errors
-/// If the model cannot be read (see [`Model::read`]) or has no images, or photographs are missing.
+/// If the model cannot be read (see [`Model::read`]) or has no images, or half of the photographs are missing; views of fewer
+/// missing ones remain, with a warning.
 pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let model = &workspace::model(model)?;
     let images = &images.map_or_else(|| workspace::images(model), |images| Ok(images.to_owned()))?;
@@ -25,12 +26,9 @@ pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError
         return Err(IoError::malformed(model, Place::Whole, problem));
     }
     registered.sort_by(|a, b| a.name.cmp(&b.name));
-    folder::require(images, registered.iter().map(|image| image.name.as_str()))?;
-    let mut warnings = Vec::new();
-    warnings.extend(folder::warn_of_unused(
-        &folder::images(images)?,
-        registered.iter().map(|image| image.name.as_str()),
-    ));
+    let names: Vec<&str> = registered.iter().map(|image| image.name.as_str()).collect();
+    let mut warnings: Vec<String> = folder::warn_of_missing(images, &names)?.into_iter().collect();
+    warnings.extend(folder::warn_of_unused(&folder::images(images)?, names.iter().copied()));
     let (points, dangling) = sparse_points(&registered, &points);
     if dangling > 0 {
         warnings
