@@ -338,13 +338,12 @@ impl OutputFolder {
     }
 
     fn discard_map(&self, name: &str) -> Result<(), VamvsError> {
-        // In other formats it would be another depth map than that which comes.
-        let exported = ["png", "exr", "npy"].map(|end| self.file("depths", name, &format!(".{end}")));
-        self.map_files(name).iter().chain(&exported).try_for_each(|file| remove(file))
+        self.map_files(name).iter().try_for_each(|file| remove(file))
     }
 
-    /// The files of a depth map, the record first.
-    fn map_files(&self, name: &str) -> [PathBuf; 7] {
+    /// The files of a depth map, the record first, with those in other formats.
+    fn map_files(&self, name: &str) -> [PathBuf; 10] {
+        let exported = |extension: &str| self.file("depths", name, extension);
         [
             self.record(name),
             self.cam(name),
@@ -353,6 +352,9 @@ impl OutputFolder {
             self.image(name),
             self.coarse_confidence(name),
             self.normals(name),
+            exported(".png"),
+            exported(".exr"),
+            exported(".npy"),
         ]
     }
 

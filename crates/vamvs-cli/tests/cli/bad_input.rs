@@ -229,7 +229,14 @@ fn the_scene_itself_is_never_overwritten() {
 fn files_that_vamvs_has_not_written_stay() {
     let scene = small();
     let mine = scene.path("mine");
-    for file in ["pair.txt", "depths/0001.pfm", "visibility/0000.png", "normals/0002.pfm", "fused.ply"] {
+    for file in [
+        "pair.txt",
+        "depths/0001.pfm",
+        "depths/0002.png",
+        "visibility/0000.png",
+        "normals/0002.pfm",
+        "fused.ply",
+    ] {
         std::fs::create_dir_all(mine.join(file).parent().unwrap()).unwrap();
         write(&mine.join(file), "of somebody");
         let before = content(&mine);
