@@ -5,16 +5,20 @@
 //! photographs are undistorted and of the depth map's size, so the folder is itself a scene that this
 //! and other programs read.
 
+mod record;
+
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
-use vamvs_core::{DepthMap, DepthRange, Grid, MonotoneMap, Planes, Rgb, Size, Source, View};
+use vamvs_core::{DepthMap, DepthRange, Grid, Rgb, Size, Source, View};
 use vamvs_io::{IoError, atomic, image, mvsnet, pfm, visibility};
 
 use crate::VamvsError;
 use crate::claim::{claim, is_claimed, release};
+
+pub use record::{ConfidenceKind, LeftOut, PhotographRecord, Record};
 
 /// The folders that every folder of depth maps has.
 const FOLDERS: [&str; 4] = ["cams", "images", "depths", "confidence"];
@@ -23,59 +27,6 @@ const FOLDERS: [&str; 4] = ["cams", "images", "depths", "confidence"];
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OutputFolder {
     root: PathBuf,
-}
-
-/// The record of how a depth map was made, stored next to it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Record {
-    /// The hash of all inputs of the depth map.
-    pub made_of: String,
-    /// The planes of the sweep; `None` if there were none or they are unknown.
-    #[serde(default)]
-    pub planes: Option<Planes>,
-    /// Names of the source views, best first; empty if unknown.
-    #[serde(default)]
-    pub sources: Vec<String>,
-    /// What the values of its confidence map are.
-    #[serde(default)]
-    pub confidence: ConfidenceKind,
-    /// The photograph and mask of the view itself; `None` if they were not files or are unknown.
-    #[serde(default)]
-    pub photograph: Option<PhotographRecord>,
-}
-
-/// The content of a photograph and its mask.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PhotographRecord {
-    /// The sizes and times of last change of the files. As long as they are the same, the content is taken to be the same
-    /// too and is not read to be compared.
-    pub stamp: String,
-    /// The hash of the content, 64 hexadecimal digits.
-    pub hash: String,
-}
-
-/// What the values of a confidence map are.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ConfidenceKind {
-    /// Unknown.
-    #[default]
-    Unknown,
-    /// The network's probability of the depth, as in the paper (sections 3.2 and 3.4).
-    Probability,
-    /// The share of pixels with an error of at most 1 %, to which this map takes the network's probability.
-    Calibrated(MonotoneMap),
-    /// An estimate of that share by the refinement, which does not know the network's probability.
-    Refined,
-}
-
-/// A view that is left out of a result.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct LeftOut {
-    /// The view's name.
-    pub view: String,
-    /// Why.
-    pub reason: String,
 }
 
 /// The contents of a depth map's files.
@@ -480,6 +431,16 @@ pub(crate) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, VamvsErro
     let folder = |problem: String| VamvsError::Folder { path: path.to_owned(), problem };
     let text = std::fs::read_to_string(path).map_err(|error| folder(format!("cannot be read: {error}")))?;
     serde_json::from_str(&text).map_err(|error| folder(format!("is not what vamvs wrote: {error}")))
+}
+
+/// The folder that a file is in.
+pub(crate) fn folder_of(file: &Path) -> &Path {
+    file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Whether both paths exist and lead to the same file or folder.
+pub(crate) fn is_same(a: &Path, b: &Path) -> bool {
+    a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
 }
 
 pub(crate) fn make_folder(folder: &Path) -> Result<(), IoError> {

@@ -165,6 +165,11 @@ fn nothing_is_exported_over_what_vamvs_has_not_written() {
         let elsewhere = scene.path("cloud.ply");
         fuse(folder.root(), &["--out", elsewhere.to_str().unwrap(), "--depth-format", "pfm,npy"]);
     }
+    // In the folder itself, whose name is not told then, it knows them too.
+    let mut bare = vamvs();
+    bare.current_dir(folder.root()).args(["fuse", ".", "--out", "bare.ply", "--depth-format", "exr"]);
+    expect_success(&bare.output().unwrap());
+    assert!(!folder.root().join("depths/.vamvs").exists(), "the run's folder is marked as a whole");
     // Those that it does not replace are told, and do not outlive their depth map.
     let output = vamvs().arg("fuse").arg(folder.root()).args(["--export", "openmvs"]).output().unwrap();
     let said = stderr(&output);

@@ -8,7 +8,7 @@ use vamvs_io::{atomic, depth};
 
 use super::{DepthFormat, ExportOptions, ExportedView};
 use crate::claim::claim;
-use crate::output::make_folder;
+use crate::output::{is_same, make_folder};
 use crate::{Maps, OutputFolder, VamvsError};
 
 /// How many times the median depth PNGs hold, so that a step is at most a fraction of a percent of it.
@@ -31,7 +31,7 @@ impl DepthFolder {
         }
         let root = beside.join("depths");
         let folder = Self { root, formats: options.depth_formats.clone(), png_step: options.png_step };
-        let is_of_run = same(beside, maps.root()) && OutputFolder::new(beside).is_own();
+        let is_of_run = is_same(beside, maps.root()) && OutputFolder::new(beside).is_own();
         if folder.is_wanted() && is_of_run {
             make_folder(&folder.root)?;
         } else if folder.is_wanted() {
@@ -88,17 +88,12 @@ impl DepthFolder {
             };
             self.root.join(format!("{name}.{extension}"))
         };
-        self.formats.iter().map(file).filter(move |path| !same(path, source))
+        self.formats.iter().map(file).filter(move |path| !is_same(path, source))
     }
 
     fn png_step_file(&self) -> PathBuf {
         self.root.join("png-step.txt")
     }
-}
-
-/// Whether both paths exist and lead to the same file or folder.
-fn same(a: &Path, b: &Path) -> bool {
-    a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
 }
 
 /// The farthest depth that PNGs are to hold: the farthest of all, but at most [`MOST_TIMES_MEDIAN`] times the median over the

@@ -16,6 +16,7 @@ use vamvs_io::ply::PlyWriter;
 
 use crate::claim::{claim, is_claimed};
 use crate::event::{OnEvent, tell};
+use crate::output::folder_of;
 use crate::{Event, FusionOptions, Maps, VamvsError};
 use colmap::ColmapWorkspace;
 use depths::DepthFolder;
@@ -99,7 +100,7 @@ impl<'a> Exporter<'a> {
         options: &ExportOptions,
         on_event: &mut OnEvent<'_>,
     ) -> Result<Self, VamvsError> {
-        let folder = cloud.parent().unwrap_or(Path::new(""));
+        let folder = folder_of(cloud);
         options.warn_of_older(folder, on_event)?;
         let exports = Exports::begin(maps, folder, options)?;
         let ply = PlyWriter::create(cloud, maps.coordinates())?;

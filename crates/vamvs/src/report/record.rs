@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use vamvs_fusion::ViewReport;
 
-use crate::output::{LeftOut, OutputFolder, read_json, write_json};
+use crate::output::{LeftOut, OutputFolder, folder_of, is_same, read_json, write_json};
 use crate::{FuseSummary, FusionOptions, Maps, VamvsError};
 
 /// What the last fusion into the folder did.
@@ -36,10 +36,8 @@ impl FusionRecord {
     /// whose record then stays as it is.
     #[must_use]
     pub fn of(maps: &Maps, cloud: &Path, options: &FusionOptions, fused: &FuseSummary) -> Option<Self> {
-        let folder = cloud.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let same = folder.canonicalize().ok()? == maps.root().canonicalize().ok()?;
         let view = |(view, pixels): &(String, ViewReport)| FusedView { view: view.clone(), pixels: *pixels };
-        same.then(|| Self {
+        is_same(folder_of(cloud), maps.root()).then(|| Self {
             cloud: cloud.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             options: options.clone(),
             views: fused.views.iter().map(view).collect(),
