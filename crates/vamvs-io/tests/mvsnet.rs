@@ -159,7 +159,20 @@ fn pairs_are_read_as_written() {
     let pairs = vec![vec![source(2, 12.5), source(1, 0.25)], vec![], vec![source(0, 1.0)]];
     write_pairs(&path, &[10, 4, 7], &pairs).unwrap();
     assert_eq!(fs::read_to_string(&path).unwrap(), "3\n10\n2 7 12.5 4 0.25\n4\n0\n7\n1 10 1\n");
-    assert_eq!(read_pairs(&path, &[10, 4, 7]).unwrap(), pairs);
+    let read = read_pairs(&path, &[10, 4, 7]).unwrap();
+    assert_eq!((read.sources, read.unknown.len()), (pairs, 0));
+}
+
+#[test]
+fn pairs_of_a_whole_scene_serve_a_part_of_its_views() {
+    let folder = folder(&["00000004", "00000010"], &["00000004.jpg", "00000010.jpg"]);
+    let path = folder.path().join("pair.txt");
+    save(&path, "3\n10\n2 7 12.5 4 0.25\n4\n1 7 0.5\n7\n1 10 1\n");
+    let loaded = read(&folder).unwrap();
+    let source = Source { view: 0, score: 0.25 };
+    assert_eq!(loaded.scene.pairs.unwrap(), [vec![], vec![source]]);
+    let expected = "pair.txt: 1 of the views have no camera file and are not used (7 …)";
+    assert!(loaded.warnings.iter().any(|warning| warning.ends_with(expected)), "{:?}", loaded.warnings);
 }
 
 #[test]
@@ -167,11 +180,8 @@ fn wrong_pairs_are_refused_with_their_line() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("pair.txt");
     let cases = [
-        (
-            "2\n0\n1 5 0.5\n1\n0",
-            "line 3: source view: expected the number of a view that has a camera, found 5",
-        ),
-        ("1\n6\n0", "line 2: reference view"),
+        ("1\n6\n1 0 0.5", "line 3: expected numbers of views that have cameras, found only others"),
+        ("1\n0\n2 5 0.5 5 0.4", "expected other views, each once"),
         ("2\n0\n1 1 0.5\n0\n0", "line 4: view 0 is listed twice"),
         ("1\n0\n1 0 0.5", "expected other views, each once"),
         ("1\n0\n2 1 0.5 1 0.4", "expected other views, each once"),
@@ -189,7 +199,7 @@ fn wrong_pairs_are_refused_with_their_line() {
         assert!(error.contains("pair.txt") && error.contains(expected), "{text:?}: {error}");
     }
     save(&path, "1\n1\n0 ");
-    assert_eq!(read_pairs(&path, &[0, 1]).unwrap(), [vec![], vec![]]);
+    assert_eq!(read_pairs(&path, &[0, 1]).unwrap().sources, [vec![], vec![]]);
 }
 
 /// A folder with `cams/STEM_cam.txt` and `images/NAME`.

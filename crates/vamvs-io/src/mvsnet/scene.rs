@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use vamvs_core::{Camera, Lens, Scene, Size, View};
 
 use super::cam::{Cam, Options, read_cam};
-use super::pair::read_pairs;
+use super::pair::{Pairs, read_pairs};
 use crate::masks::Masks;
 use crate::sizes::stored_sizes;
 use crate::{IoError, Loaded, Place, folder};
@@ -44,8 +44,9 @@ pub fn read_scene(
     }
     warnings.extend(folder::warn_of_unused(&found, names.iter().copied()));
     let pair_file = pairs.map(Path::to_owned).or_else(|| pair_file_near(cams));
-    let pairs = pair_file.map(|path| read_pairs(&path, &ids)).transpose()?;
-    let scene = Scene { views, points: Vec::new(), pairs };
+    let pairs = pair_file.as_deref().map(|path| read_pairs(path, &ids)).transpose()?;
+    warnings.extend(pair_file.zip(pairs.as_ref()).and_then(|(path, pairs)| warn_of_unknown(&path, pairs)));
+    let scene = Scene { views, points: Vec::new(), pairs: pairs.map(|pairs| pairs.sources) };
     Ok(Loaded { scene, images: images.to_owned(), masks: Masks::None, warnings })
 }
 
@@ -114,6 +115,12 @@ fn last_number(stem: &str) -> Option<u32> {
 fn pair_file_near(cams: &Path) -> Option<PathBuf> {
     let beside = cams.join("..").join("pair.txt");
     [cams.join("pair.txt"), beside].into_iter().find(|path| path.is_file())
+}
+
+/// A warning that a `pair.txt` names views without cameras, if it does.
+fn warn_of_unknown(path: &Path, pairs: &Pairs) -> Option<String> {
+    let (first, count) = (pairs.unknown.first()?, pairs.unknown.len());
+    Some(format!("{}: {count} of the views have no camera file and are not used ({first} …)", path.display()))
 }
 
 /// A warning if the principal point is outside the image, which means that the camera file was probably made for

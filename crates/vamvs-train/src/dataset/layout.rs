@@ -124,6 +124,6 @@ fn dtu_scene(folder: &Path, scan: &Path, light: usize) -> Result<TrainingScene, 
         });
     }
     let ids: Vec<u32> = (0..views.len() as u32).collect();
-    let sources = mvsnet::read_pairs(&folder.join("Cameras/pair.txt"), &ids)?;
+    let sources = mvsnet::read_pairs(&folder.join("Cameras/pair.txt"), &ids)?.sources;
     Ok(TrainingScene { name: format!("{} light {light}", name.display()), views, sources })
 }
