@@ -9,9 +9,9 @@
 # in PATH.
 set -euo pipefail
 
-# A job of an array: the task of that line.
+# A job of an array: the task at that place among those of its kind, which begin after some lines.
 if [[ ${1:-} == --line ]]; then
-    mapfile -t argv < <(sed -n "$3p" "$2" | python3 -c 'import json, sys; print(*json.load(sys.stdin)["argv"], sep="\n")')
+    mapfile -t argv < <(sed -n "$(($3 + $4))p" "$2" | python3 -c 'import json, sys; print(*json.load(sys.stdin)["argv"], sep="\n")')
     exec "${VAMVS:-vamvs}" "${argv[@]:1}"
 fi
 
@@ -38,10 +38,10 @@ END
 
 after=()
 while read -r name first last cores megabytes gpu; do
-    options=(--parsable --job-name="vamvs-$name" --array="$first-$last" --cpus-per-task="$cores" --mem="${megabytes}M")
+    options=(--parsable --job-name="vamvs-$name" --array="1-$((last - first + 1))" --cpus-per-task="$cores" --mem="${megabytes}M")
     [[ $gpu == 1 ]] && options+=(--gres=gpu:1)
     job=$(sbatch "${options[@]}" "${after[@]}" "$@" --export=ALL \
-        --wrap "$(printf '%q --line %q' "$(realpath "$0")" "$tasks") \$SLURM_ARRAY_TASK_ID")
+        --wrap "$(printf '%q --line %q %q' "$(realpath "$0")" "$tasks" $((first - 1))) \$SLURM_ARRAY_TASK_ID")
     echo "$name: job ${job%%;*}, $((last - first + 1)) task(s)"
     after=(--dependency="afterok:${job%%;*}" --kill-on-invalid-dep=yes)
 done <<<"$kinds"

@@ -83,7 +83,7 @@ pub enum Command {
     Eval(EvalArguments),
     /// Describe a file or folder: weights, cloud, depth map, COLMAP model; or the `device`.
     #[command(
-        after_help = "Examples:\n  vamvs info weights/photometric.pt\n  vamvs info out/fused.ply\n  vamvs info sparse/0\n  vamvs info device"
+        after_help = "Examples:\n  vamvs info weights/photometric.pt\n  vamvs info out/fused.ply\n  vamvs info sparse/0\n  vamvs info out\n  vamvs info device"
     )]
     Info(InfoArguments),
     /// Print completions for a shell.
@@ -117,7 +117,7 @@ Examples:
   vamvs reconstruct --colmap sparse/0 --images images --out out  COLMAP model, distorted or not
   vamvs reconstruct --colmap sparse/0 --images images --quality draft  a quick look
   vamvs reconstruct --nerfstudio capture --export colmap         transforms.json; workspace for COLMAP too
-  vamvs reconstruct --config out/run.toml --min-views 2          the same again, fused otherwise
+  vamvs reconstruct --config out/run.toml --min-views 3          the same again, fused otherwise
 
 Depth maps that are in --out already, made of the same photographs, cameras and settings, are kept,
 so a run that was interrupted goes on where it was.";
@@ -214,7 +214,7 @@ pub struct ReportArguments {
     /// Folder of depth maps, as for `vamvs fuse`.
     #[arg(value_name = "OUT")]
     pub out: PathBuf,
-    /// Print nothing but errors and warnings.
+    /// Print nothing but the path of the result, errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
 }
@@ -238,8 +238,9 @@ pub struct ManArguments {
 /// `info`.
 #[derive(Debug, Args)]
 pub struct InfoArguments {
-    /// A .pt, .ply, .pfm file, a COLMAP model folder, or the word `device`.
-    #[arg(value_name = "FILE|device")]
+    /// A .pt, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/; or the word
+    /// `device`.
+    #[arg(value_name = "FILE|DIR|device")]
     pub what: PathBuf,
     /// Print JSON.
     #[arg(long)]
@@ -281,7 +282,7 @@ pub struct DepthFlags {
     /// Write the depth maps that refinement would start from, smaller than their photographs and without normals.
     #[arg(long)]
     pub no_refine: bool,
-    /// Refine depth maps with the photographs alone, without the second pass, which uses the source views' depth maps.
+    /// Refine depth maps with the photographs alone, without the geometric pass, which uses the source views' depth maps.
     #[arg(long)]
     pub no_geometric: bool,
     /// Enlarge smaller photographs, and their depth maps, by up to this factor, but not beyond --max-size; 2 takes four
@@ -378,7 +379,7 @@ pub struct CommonFlags {
     /// Treat a view that is left out as an error (exit code 1).
     #[arg(long)]
     pub strict: bool,
-    /// Print nothing but errors and warnings.
+    /// Print nothing but the path of the result, errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
     /// Print the source views, depth range and planes of each view, and all times.

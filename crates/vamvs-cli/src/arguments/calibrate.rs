@@ -7,7 +7,7 @@ use clap::Args;
 /// The end of the command's help.
 pub const EXAMPLES: &str = "\
 Example:
-  vamvs calibrate --data hold-out --weights run/best.pt --out vis-max.pt
+  vamvs calibrate --data hold-out --weights run/best.pt --out tuned.pt
 
 A depth counts as right if its error is at most 1 %. Half of the views are fitted to, the other half tell
 what came of it. The network's own confidence is calibrated, and that of the refined depth maps.";

@@ -42,7 +42,8 @@ pub struct EvalDepthArguments {
     /// Folder of depth maps, as `vamvs depth` or others write it; a folder of such; or one depth map.
     #[arg(value_name = "PRED")]
     pub prediction: PathBuf,
-    /// The same of the ground truth: depths/, cams/, images/, and perhaps visibility/ and pair.txt.
+    /// The same of the ground truth: depths/, cams/, images/, and perhaps visibility/ and pair.txt; or a folder of .pfm or
+    /// .png depth maps with the same names.
     #[arg(value_name = "GROUND_TRUTH")]
     pub ground_truth: PathBuf,
     /// Thresholds.

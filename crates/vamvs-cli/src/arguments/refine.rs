@@ -34,7 +34,7 @@ pub struct RefineArguments {
     /// Number of views for a depth map, the reference view included [default: 5].
     #[arg(long, value_name = "N")]
     pub views: Option<usize>,
-    /// Use the photographs alone, without the second pass: faster, with more outliers.
+    /// Use the photographs alone, without the geometric pass: faster, with more outliers.
     #[arg(long)]
     pub no_geometric: bool,
     /// Refine again what exists already.

@@ -10,7 +10,7 @@ pub const EXAMPLES: &str = "\
 Examples:
   vamvs synth --out set --scenes 200 --rig mixed
   vamvs synth --out hold-out --scenes 20 --rig mixed --seed 1
-  vamvs train --data set --validation hold-out --network vis-max.pt --out run
+  vamvs train --data set --validation hold-out --network start.pt --out run
   vamvs train --data my-scans --network weights/vis-max.pt --learning-rate 1e-4 --steps 2000 --out tuned
 
 The same command again goes on where an interrupted run was. OUT holds module.pt (the last weights),

@@ -1,10 +1,15 @@
 //! `vamvs info`: what a file or folder is.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Result, bail};
 use serde_json::{Map, Value, json};
-use vamvs::io::{colmap, image, pfm, ply};
+use vamvs::Maps;
+use vamvs::fusion::MapSource;
+use vamvs::io::masks::Masks;
+use vamvs::io::{colmap, image, mvsnet, pfm, ply};
+use vamvs::output::ConfidenceKind;
 
 use crate::arguments::InfoArguments;
 
@@ -24,17 +29,17 @@ fn facts(what: &Path) -> Result<Map<String, Value>> {
         return device();
     }
     if what.is_dir() {
-        return model(what);
+        return folder(what);
     }
     match what.extension().and_then(|extension| extension.to_str()) {
         Some("pt") => weights(what),
         Some("ply") => cloud(what),
-        Some("pfm") => depth_map(what),
+        Some("pfm") => float_map(what),
         Some("jpg" | "jpeg" | "png" | "tif" | "tiff" | "bmp" | "webp") => {
             Ok(object(json!({"kind": "image", "size": image::stored_size(what)?.to_string()})))
         }
         _ => bail!(
-            "{}: expected a .pt, .ply, .pfm or image file, a COLMAP model folder, or the word `device`",
+            "{}: expected a .pt, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/; or the word `device`",
             what.display()
         ),
     }
@@ -68,10 +73,69 @@ fn device() -> Result<Map<String, Value>> {
     bail!("this vamvs was built without libtorch and uses no device but the processor")
 }
 
+fn folder(folder: &Path) -> Result<Map<String, Value>> {
+    if Maps::are_at(folder) {
+        return depth_maps(folder);
+    }
+    let (cams, images) = (folder.join("cams"), folder.join("images"));
+    if cams.is_dir() && images.is_dir() {
+        return camera_files(&cams, &images);
+    }
+    model(&colmap::workspace::model(folder)?)
+}
+
+fn depth_maps(folder: &Path) -> Result<Map<String, Value>> {
+    let mut warnings = Vec::new();
+    let mut listen = |event| {
+        warnings.extend(match event {
+            vamvs::Event::Warning(text) => Some(text),
+            _ => None,
+        });
+        std::ops::ControlFlow::Continue(())
+    };
+    let maps = Maps::open(folder, Masks::None, &mut listen)?;
+    let records: Vec<_> = (0..maps.len()).filter_map(|view| maps.record(view)).collect();
+    let refined = records.iter().filter(|record| record.confidence == ConfidenceKind::Refined).count();
+    let cameras = (0..maps.len()).map(|view| maps.camera(view).size.to_string());
+    let mut facts = object(json!({
+        "kind": "depth maps",
+        "views": maps.len(),
+        "size": counted(cameras),
+        "of this program": records.len(),
+        "refined": refined,
+        "pairs": maps.pairs().is_some(),
+    }));
+    let cloud = maps.default_cloud();
+    if cloud.is_file() {
+        facts.insert("cloud".to_owned(), cloud.display().to_string().into());
+    }
+    if !warnings.is_empty() {
+        facts.insert("warnings".to_owned(), warnings.into());
+    }
+    Ok(facts)
+}
+
+fn camera_files(cams: &Path, images: &Path) -> Result<Map<String, Value>> {
+    let loaded = mvsnet::read_scene(cams, images, None, &mvsnet::Options::default())?;
+    let views = &loaded.scene.views;
+    let mut facts = object(json!({
+        "kind": "cameras and photographs (MVSNet)",
+        "views": views.len(),
+        "size": counted(views.iter().map(|view| view.camera.size.to_string())),
+        "with depth range": views.iter().filter(|view| view.depth_range.is_some()).count(),
+        "pairs": loaded.scene.pairs.is_some(),
+    }));
+    if !loaded.warnings.is_empty() {
+        facts.insert("warnings".to_owned(), loaded.warnings.into());
+    }
+    Ok(facts)
+}
+
 fn model(folder: &Path) -> Result<Map<String, Value>> {
     let model = colmap::Model::read(folder)?;
     Ok(object(json!({
         "kind": "COLMAP model",
+        "folder": folder.display().to_string(),
         "cameras": model.cameras.len(),
         "images": model.images.len(),
         "points": model.points.len(),
@@ -87,10 +151,18 @@ fn cloud(path: &Path) -> Result<Map<String, Value>> {
             high[axis] = high[axis].max(point.x_in_world[axis]);
         }
     }
-    Ok(object(json!({"kind": "point cloud", "points": cloud.len(), "min": low, "max": high})))
+    let with_normals = cloud.iter().any(|point| point.normal != [0.0; 3]);
+    Ok(object(
+        json!({"kind": "point cloud", "points": cloud.len(), "normals": with_normals, "min": low, "max": high}),
+    ))
 }
 
-fn depth_map(path: &Path) -> Result<Map<String, Value>> {
+fn float_map(path: &Path) -> Result<Map<String, Value>> {
+    if let Ok(size) = pfm::stored_size(path, 3) {
+        return Ok(object(
+            json!({"kind": "map of three channels, such as normals", "size": size.to_string()}),
+        ));
+    }
     let depth = pfm::read_depth(path)?;
     let valid: Vec<f32> = depth.data().iter().copied().filter(|depth| *depth > 0.0).collect();
     Ok(object(json!({
@@ -112,4 +184,15 @@ fn object(value: Value) -> Map<String, Value> {
 /// Strings without quotes.
 fn plain(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// Values that may be equal, each once, with their numbers if there are several: `3 of 640×480, 1 of 800×600`.
+fn counted(values: impl Iterator<Item = String>) -> String {
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    values.for_each(|value| *counts.entry(value).or_default() += 1);
+    if let (1, Some(only)) = (counts.len(), counts.keys().next()) {
+        return only.clone();
+    }
+    let each: Vec<String> = counts.iter().map(|(value, count)| format!("{count} of {value}")).collect();
+    each.join(", ")
 }

@@ -108,6 +108,34 @@ fn depth_errors_are_told_by_view_region_and_threshold() {
 }
 
 #[test]
+fn folders_of_depth_map_files_are_compared_by_name() {
+    let scene = Scene::new(64, 48, 3);
+    let estimates = estimates(&scene, None);
+    let ground_truth = scene.path("sensor");
+    for view in 0..2 {
+        let file = ground_truth.join(format!("{view:04}.png"));
+        std::fs::create_dir_all(&ground_truth).unwrap();
+        vamvs::io::depth::write(&file, &scene.views[view].depth, 0.0005).unwrap();
+    }
+    for prediction in [estimates.root().to_owned(), estimates.root().join("depths")] {
+        let result = json(&["depth", "--png-step", "0.0005"], [&prediction, &ground_truth]);
+        let errors = &result["scenes"][0]["errors"];
+        let all = &errors["total"][0];
+        assert_eq!(
+            (errors["views"].as_array().unwrap().len(), all["true_pixels"].as_u64()),
+            (2, Some(2 * 768))
+        );
+        assert!((all["relative"]["mean"].as_f64().unwrap() - 0.01).abs() < 2e-4, "{all}");
+    }
+    let others = scene.path("others");
+    std::fs::rename(ground_truth.join("0001.png"), ground_truth.join("no view.png")).unwrap();
+    std::fs::remove_file(ground_truth.join("0000.png")).unwrap();
+    std::fs::rename(&ground_truth, &others).unwrap();
+    let error = error_of(&eval(&["depth"], [estimates.root(), &others]));
+    assert!(error.contains("estimates") && error.contains("with the names of those in"), "{error}");
+}
+
+#[test]
 fn plane_distances_must_be_known_and_can_be_given() {
     let scene = Scene::new(64, 48, 3);
     let (ground_truth, estimates) = (true_maps(&scene), estimates(&scene, None));

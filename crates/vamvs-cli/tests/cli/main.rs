@@ -13,6 +13,7 @@ mod exchange;
 #[cfg(feature = "net")]
 mod fovea;
 mod fuse;
+mod info;
 mod refine;
 mod report;
 #[cfg(feature = "net")]

@@ -12,7 +12,7 @@ pub mod model;
 mod scene;
 mod seen_by;
 mod text;
-mod workspace;
+pub mod workspace;
 
 pub use model::{Image, Model, Observation, Point};
 pub use scene::read_scene;

@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 use crate::{IoError, Place};
 
 /// The folder of a model's files: `folder`, or in the workspace `folder` the one in `sparse` or in a numbered folder there.
-pub(super) fn model(folder: &Path) -> Result<PathBuf, IoError> {
+///
+/// # Errors
+/// If there is none or several.
+pub fn model(folder: &Path) -> Result<PathBuf, IoError> {
     let sparse = folder.join("sparse");
     if let Some(found) = [folder, &sparse].into_iter().find(|place| has_model(place)) {
         return Ok(found.to_owned());
@@ -26,7 +29,10 @@ pub(super) fn model(folder: &Path) -> Result<PathBuf, IoError> {
 }
 
 /// The folder `images` of the workspace of the model in `model`: there, or up to two folders above.
-pub(super) fn images(model: &Path) -> Result<PathBuf, IoError> {
+///
+/// # Errors
+/// If there is none.
+pub fn images(model: &Path) -> Result<PathBuf, IoError> {
     let places = model.ancestors().take(3).map(|folder| folder.join("images"));
     places.into_iter().find(|place| place.is_dir()).ok_or_else(|| {
         let problem =

@@ -1,11 +1,12 @@
 //! Compares the depth maps of a scene with ground truth, view by view.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use serde::Serialize;
 use vamvs_core::{DepthMap, Grid, Rgb, Size, Visibility};
-use vamvs_eval::depth::{MapPair, PlaneUnit};
+use vamvs_eval::depth::{MapPair, PlaneUnit, SizeMismatch};
 use vamvs_eval::reliability::outcomes;
 use vamvs_eval::{DepthErrors, DepthSamples, PixelMap, Region, Reliability, Threshold};
 use vamvs_fusion::MapSource;
@@ -289,35 +290,86 @@ impl DepthScene {
     }
 }
 
-/// Compares two depth map files, whose formats follow from their extensions; `png_step` is the
-/// depth of one grey level of a PNG.
+/// Compares depth map files with true ones: two files, or the files of two folders that have the same names up to the
+/// extension. Formats follow from the extensions; `png_step` is the depth of one grey level of a PNG.
 ///
 /// # Errors
-/// If a file cannot be read, the maps are of different shapes, or thresholds in plane distances are
-/// given without `plane_distance`.
+/// If a file cannot be read, the maps are of different shapes, the folders have no name in common, or thresholds in
+/// plane distances are given without `plane_distance`.
 pub fn compare_files(
     [prediction, ground_truth]: [&Path; 2],
     png_step: f64,
     plane_distance: Option<f64>,
     thresholds: &[Threshold],
 ) -> Result<SceneErrors, VamvsError> {
-    let name = prediction.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let plane = plane_distance.map(PlaneUnit::Distance);
-    if plane.is_none() {
-        refuse_planes(thresholds, &name)?;
+    let files = match ground_truth.is_dir() {
+        true => files_in_both(prediction, ground_truth)?,
+        false => vec![[prediction.to_owned(), ground_truth.to_owned()]],
+    };
+    let (mut total, mut views) = (DepthSamples::default(), Vec::new());
+    for [prediction, ground_truth] in files {
+        let view = prediction.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        if plane.is_none() {
+            refuse_planes(thresholds, &view)?;
+        }
+        let samples = file_samples([&prediction, &ground_truth], png_step, plane)
+            .map_err(|error| error.of_view(&view))?;
+        total.append(&samples);
+        views.push(ViewErrors { view, regions: regions(&samples, thresholds) });
     }
+    Ok(SceneErrors { views, total: regions(&total, thresholds), reliability: Reliability::default() })
+}
+
+fn file_samples(
+    [prediction, ground_truth]: [&Path; 2],
+    png_step: f64,
+    plane: Option<PlaneUnit>,
+) -> Result<DepthSamples, VamvsError> {
     let (depth, ground_truth) = (depth::read(prediction, png_step)?, depth::read(ground_truth, png_step)?);
-    let refused =
-        |error: vamvs_eval::depth::SizeMismatch| VamvsError::Request(error.to_string()).of_view(&name);
+    let refused = |error: SizeMismatch| VamvsError::Request(error.to_string());
     let pixels = PixelMap::between_sizes(depth.size(), ground_truth.size()).map_err(refused)?;
     let ground_truth = pixels.sampled(&ground_truth, depth.size());
     let mut samples = DepthSamples::default();
     samples
         .add(&MapPair { depth: &depth, ground_truth: &ground_truth, visible: None, plane })
         .map_err(refused)?;
-    let total = regions(&samples, thresholds);
-    let views = vec![ViewErrors { view: name, regions: total.clone() }];
-    Ok(SceneErrors { views, total, reliability: Reliability::default() })
+    Ok(samples)
+}
+
+/// Whether `folder` holds depth map files alone, without the cameras of [`Maps`].
+#[must_use]
+pub fn are_only_files(folder: &Path) -> bool {
+    !Maps::are_at(folder) && !map_files(folder).is_empty()
+}
+
+/// The depth map files of two folders that have the same names up to the extension.
+fn files_in_both(prediction: &Path, ground_truth: &Path) -> Result<Vec<[PathBuf; 2]>, VamvsError> {
+    let depths = prediction.join("depths");
+    let predicted = map_files(if depths.is_dir() { &depths } else { prediction });
+    let mut true_maps = map_files(ground_truth);
+    let pairs = predicted.into_iter().filter_map(|(stem, file)| Some([file, true_maps.remove(&stem)?]));
+    let pairs: Vec<_> = pairs.collect();
+    if pairs.is_empty() {
+        let problem = format!(
+            "expected .pfm or .png depth maps with the names of those in {}, found none",
+            ground_truth.display()
+        );
+        return Err(VamvsError::Folder { path: prediction.to_owned(), problem });
+    }
+    Ok(pairs)
+}
+
+/// The depth map files of a folder by their names without extension; none if it cannot be read.
+fn map_files(folder: &Path) -> BTreeMap<String, PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let is_map = |path: &PathBuf| {
+        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+        extension == "pfm" || extension == "png"
+    };
+    let files = entries.map(|entry| entry.path()).filter(is_map);
+    let stem = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    files.map(|path| (stem(&path), path)).collect()
 }
 
 /// Scenes by name, each with its folder of depth maps and that of the ground truth: the two given

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, ensure};
 use serde_json::json;
-use vamvs::eval::depth::{compare_files, mean_over_scenes, scenes};
+use vamvs::eval::depth::{are_only_files, compare_files, mean_over_scenes, scenes};
 use vamvs::eval::{DepthScene, SceneErrors};
 
 use super::begin;
@@ -38,7 +38,7 @@ pub fn run(arguments: &EvalDepthArguments) -> Result<()> {
 fn errors(arguments: &EvalDepthArguments, progress: &Progress) -> Result<Vec<(String, SceneErrors)>> {
     let EvalDepthArguments { prediction, ground_truth, thresholds, png_step, .. } = arguments;
     let distance = thresholds.plane_distance;
-    if prediction.is_file() {
+    if prediction.is_file() || are_only_files(ground_truth) {
         let limits = thresholds.thresholds(distance.is_some());
         let errors = compare_files([prediction, ground_truth], *png_step, distance, &limits)?;
         return Ok(vec![("all".to_owned(), errors)]);

@@ -1,0 +1,68 @@
+//! `vamvs info` on files and folders.
+
+use std::path::Path;
+
+use serde_json::Value;
+use vamvs::core::{CloudPoint, Grid, Size};
+use vamvs::io::colmap::Model;
+use vamvs::io::{mvsnet, pfm, ply};
+
+use crate::fuse::true_maps;
+use crate::scene::{Scene, error_of, expect_success, vamvs};
+
+fn info(what: &Path) -> Value {
+    let output = vamvs().args(["info", "--json"]).arg(what).output().unwrap();
+    expect_success(&output);
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn folders_are_told_apart() {
+    let scene = Scene::new(64, 48, 3);
+    let facts = info(&scene.root);
+    assert!(facts["kind"].as_str().unwrap().contains("MVSNet"), "{facts}");
+    assert_eq!((facts["views"].as_u64(), facts["size"].as_str()), (Some(3), Some("64×48")));
+    let [cams, images, model] = ["cams", "images", "model/sparse/0"].map(|folder| scene.path(folder));
+    let loaded = mvsnet::read_scene(&cams, &images, None, &mvsnet::Options::default()).unwrap().scene;
+    std::fs::create_dir_all(&model).unwrap();
+    Model::from_scene(&loaded).write_text(&model).unwrap();
+    for folder in [&model, &scene.path("model")] {
+        let facts = info(folder);
+        assert_eq!((facts["kind"].as_str(), facts["images"].as_u64()), (Some("COLMAP model"), Some(3)));
+        assert!(facts["folder"].as_str().unwrap().ends_with("model/sparse/0"), "{facts}");
+    }
+    let maps = true_maps(&scene);
+    let facts = info(maps.root());
+    assert_eq!((facts["kind"].as_str(), facts["views"].as_u64()), (Some("depth maps"), Some(3)));
+    assert_eq!((facts["refined"].as_u64(), facts.get("cloud")), (Some(3), None));
+    let nothing = vamvs().arg("info").arg(&images).output().unwrap();
+    assert!(error_of(&nothing).contains("images"));
+}
+
+#[test]
+fn files_tell_their_sizes() {
+    let scene = Scene::new(64, 48, 2);
+    let normals = scene.path("normals.pfm");
+    pfm::write_rgb(&normals, &Grid::filled(Size::new(5, 4), [0.0, 0.0, -1.0])).unwrap();
+    let facts = info(&normals);
+    assert!(facts["kind"].as_str().unwrap().contains("normals") && facts["size"] == "5×4", "{facts}");
+    let depth = scene.path("depth.pfm");
+    pfm::write(&depth, &Grid::from_vec(Size::new(2, 2), vec![0.0, 1.0, 2.0, 4.0])).unwrap();
+    let facts = info(&depth);
+    assert_eq!((facts["valid"].as_f64(), facts["max"].as_f64()), (Some(0.75), Some(4.0)));
+    let cloud = scene.path("cloud.ply");
+    let point = |normal| CloudPoint {
+        x_in_world: [1.0, 2.0, 3.0],
+        normal,
+        colour: [9; 3],
+        confidence: 1.0,
+        views: 2,
+    };
+    for (normal, expected) in [([0.0; 3], false), ([0.0, 0.0, 1.0], true)] {
+        ply::write(&cloud, &[point(normal)]).unwrap();
+        assert_eq!(
+            (info(&cloud)["points"].as_u64(), info(&cloud)["normals"].as_bool()),
+            (Some(1), Some(expected))
+        );
+    }
+}
