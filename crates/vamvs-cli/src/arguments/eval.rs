@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
+use vamvs::eval::CloudThreshold;
 
 /// The end of the command's help.
 pub const EXAMPLES: &str = "\
@@ -154,9 +155,9 @@ pub struct EvalSceneArguments {
     /// The cloud [default: OUT/fused.ply, if it is there].
     #[arg(long, value_name = "FILE.ply")]
     pub cloud: Option<PathBuf>,
-    /// Distance thresholds for the cloud, ascending, scene units [default: 0.5 and 1 % of the median depth].
-    #[arg(long, value_name = "DISTANCE,…", value_delimiter = ',', value_parser = positive)]
-    pub distances: Option<Vec<f64>>,
+    /// Distance thresholds for the cloud, in scene units or, as in 0.3%, of the median depth [default: 0.5%,1%].
+    #[arg(long, value_name = "DISTANCE|N%,…", value_delimiter = ',', value_parser = cloud_threshold)]
+    pub distances: Option<Vec<CloudThreshold>>,
     /// The page to write [default: OUT/eval.html].
     #[arg(long, value_name = "FILE.html")]
     pub html: Option<PathBuf>,
@@ -235,6 +236,13 @@ pub struct EvalGeneralFlags {
     /// Print results as JSON.
     #[arg(long)]
     pub json: bool,
+}
+
+fn cloud_threshold(text: &str) -> Result<CloudThreshold, String> {
+    match text.trim().strip_suffix('%') {
+        Some(percent) => Ok(CloudThreshold::ShareOfMedianDepth(positive(percent)? / 100.0)),
+        None => Ok(CloudThreshold::Distance(positive(text)?)),
+    }
 }
 
 fn positive(text: &str) -> Result<f64, String> {

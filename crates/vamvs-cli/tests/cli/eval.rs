@@ -222,6 +222,16 @@ fn a_scene_has_a_page_with_pictures() {
     let both = json(&["scene", "--distances", "0.1,1"], [folder.root(), folder.root()]);
     let precisions = [0, 1].map(|at| both["cloud"]["agreement"][at]["precision"].as_f64());
     assert!(precisions.iter().all(|precision| *precision > Some(0.99)), "{precisions:?}");
+    let distances = |cloud: &Value| [0, 1].map(|at| cloud["agreement"][at]["threshold"].as_f64().unwrap());
+    let shares = json(&["scene", "--distances", "1%,0.5%"], [folder.root(), folder.root()]);
+    assert_eq!(distances(&shares["cloud"]), distances(&result["cloud"]), "the defaults");
+    let median = distances(&result["cloud"])[1] / 0.01;
+    let mut medians = scene.views.iter().map(|view| {
+        let mut depths: Vec<f32> = view.depth.data().iter().copied().filter(|depth| *depth > 0.0).collect();
+        depths.sort_by(f32::total_cmp);
+        f64::from(depths[depths.len() / 2])
+    });
+    assert!(medians.any(|of_view| (of_view - median).abs() < 1e-6 * median), "{median}");
     let page = std::fs::read_to_string(folder.root().join("eval.html")).unwrap();
     assert_eq!(result["page"].as_str(), folder.root().join("eval.html").to_str());
     assert_eq!(page.matches("data:image/png;base64,").count(), 4 + 4);

@@ -7,4 +7,4 @@ pub mod scene;
 
 pub use cloud::{CloudProtocol, CloudScores};
 pub use depth::{DepthScene, RegionErrors, SceneErrors, ViewErrors};
-pub use scene::{SceneEvaluation, SceneScores};
+pub use scene::{CloudThreshold, SceneEvaluation, SceneScores};

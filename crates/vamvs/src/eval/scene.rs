@@ -12,8 +12,18 @@ use vamvs_io::ply;
 use super::depth::{DepthScene, SceneErrors, median_depth};
 use crate::VamvsError;
 
-/// Default distance thresholds for the cloud, as shares of the scene's median depth.
-const SHARES: [f64; 2] = [0.005, 0.01];
+/// Default distance thresholds for the cloud.
+const DEFAULT: [CloudThreshold; 2] =
+    [CloudThreshold::ShareOfMedianDepth(0.005), CloudThreshold::ShareOfMedianDepth(0.01)];
+
+/// A distance up to which points of the cloud and of the true surface agree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CloudThreshold {
+    /// In scene units.
+    Distance(f64),
+    /// As a share of the median of the views' median true depths.
+    ShareOfMedianDepth(f64),
+}
 
 /// The scores of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -50,8 +60,8 @@ pub struct ComparedCloud {
 }
 
 impl SceneEvaluation {
-    /// Compares depth maps, and the PLY file `cloud` if it is given. Without `cloud_thresholds` (ascending,
-    /// scene units) those are 0.5 and 1 % of the true depths' median.
+    /// Compares depth maps, and the PLY file `cloud` if it is given. Without `cloud_thresholds` those are 0.5 and 1 % of the
+    /// true depths' median.
     ///
     /// # Errors
     /// If a file cannot be read, maps differ in camera or size, or thresholds need plane distances
@@ -60,10 +70,11 @@ impl SceneEvaluation {
         maps: DepthScene,
         cloud: Option<&Path>,
         depth_thresholds: &[Threshold],
-        cloud_thresholds: Option<&[f64]>,
+        cloud_thresholds: Option<&[CloudThreshold]>,
     ) -> Result<Self, VamvsError> {
         let depth = maps.errors(depth_thresholds)?;
-        let compare = |cloud| ComparedCloud::new(cloud, &maps, cloud_thresholds);
+        let thresholds = cloud_thresholds.unwrap_or(&DEFAULT);
+        let compare = |cloud| ComparedCloud::new(cloud, &maps, thresholds);
         let cloud = cloud.map(compare).transpose()?;
         let errors = cloud.as_ref().map(|cloud| cloud.distances.errors(&cloud.thresholds));
         Ok(Self { scores: SceneScores { depth, cloud: errors }, maps, cloud })
@@ -71,13 +82,13 @@ impl SceneEvaluation {
 }
 
 impl ComparedCloud {
-    fn new(cloud: &Path, maps: &DepthScene, thresholds: Option<&[f64]>) -> Result<Self, VamvsError> {
+    fn new(cloud: &Path, maps: &DepthScene, thresholds: &[CloudThreshold]) -> Result<Self, VamvsError> {
         let cloud = ply::read(cloud)?;
         let ground_truth = maps.ground_truth();
         let ground_truth: Vec<DepthMap> =
             (0..ground_truth.len()).map(|view| ground_truth.depth_map(view)).collect::<Result<_, _>>()?;
-        let thresholds = thresholds.map_or_else(|| default_thresholds(&ground_truth), <[f64]>::to_vec);
-        let least = thresholds.iter().copied().reduce(f64::min).unwrap_or(0.0);
+        let thresholds = distances(thresholds, &ground_truth);
+        let least = thresholds.first().copied().unwrap_or(0.0);
         let ground_truth = surface(&ground_truth, 0.5 * least)?;
         let places: Vec<[f64; 3]> = cloud.iter().map(|point| point.x_in_world).collect();
         let distances = CloudDistances::between(&places, &ground_truth);
@@ -85,10 +96,18 @@ impl ComparedCloud {
     }
 }
 
-fn default_thresholds(ground_truth: &[DepthMap]) -> Vec<f64> {
+/// Thresholds in scene units, ascending.
+fn distances(thresholds: &[CloudThreshold], ground_truth: &[DepthMap]) -> Vec<f64> {
     let mut medians: Vec<f64> = ground_truth.iter().map(|map| median_depth(&map.depth)).collect();
     medians.sort_by(f64::total_cmp);
-    SHARES.map(|share| share * medians[medians.len() / 2]).to_vec()
+    let median = medians[medians.len() / 2];
+    let distance = |&threshold: &CloudThreshold| match threshold {
+        CloudThreshold::Distance(distance) => distance,
+        CloudThreshold::ShareOfMedianDepth(share) => share * median,
+    };
+    let mut distances: Vec<f64> = thresholds.iter().map(distance).collect();
+    distances.sort_by(f64::total_cmp);
+    distances
 }
 
 /// Points of the surface seen by at least two maps, no two of them within `spacing`.
