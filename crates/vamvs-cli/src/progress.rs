@@ -75,7 +75,7 @@ impl Progress {
             Event::DepthMap { name, pass, done, total, resumed, time } => {
                 let (bar, what, until) = match pass {
                     Pass::Photometric => ("depth maps, first pass", "first pass", "left of this pass"),
-                    Pass::Final => ("depth maps", "depth", "left"),
+                    _ => ("depth maps", "depth", "left"),
                 };
                 self.step(bar, done, total);
                 let how =

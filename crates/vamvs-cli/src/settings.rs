@@ -286,12 +286,6 @@ mod depth {
             set(&mut depth.enlarge, flags.enlarge);
             set(&mut depth.min_brightness, flags.min_brightness);
             set(&mut depth.max_brightness, flags.max_brightness);
-            if depth.min_brightness > depth.max_brightness {
-                let (least, most) = (depth.min_brightness, depth.max_brightness);
-                bail!(
-                    "--min-brightness {least} and --max-brightness {most} leave no pixel: expected the former below the latter"
-                );
-            }
             set(&mut depth.views, flags.views);
             set(&mut depth.planes, flags.planes.map(Some));
             set(&mut depth.max_planes, flags.max_planes);

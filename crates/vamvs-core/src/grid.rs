@@ -158,18 +158,21 @@ impl<T: Clone> Grid<T> {
     }
 }
 
+/// The pixel `(x, y)`. Panics outside of the raster; see [`Grid::get`].
 impl<T> Index<(usize, usize)> for Grid<T> {
     type Output = T;
 
+    #[inline]
     fn index(&self, (x, y): (usize, usize)) -> &T {
-        debug_assert!(x < self.size.width);
+        assert!(x < self.size.width, "column {x} of a {} grid", self.size);
         &self.data[y * self.size.width + x]
     }
 }
 
 impl<T> IndexMut<(usize, usize)> for Grid<T> {
+    #[inline]
     fn index_mut(&mut self, (x, y): (usize, usize)) -> &mut T {
-        debug_assert!(x < self.size.width);
+        assert!(x < self.size.width, "column {x} of a {} grid", self.size);
         &mut self.data[y * self.size.width + x]
     }
 }

@@ -18,6 +18,7 @@ pub struct Intrinsics {
 
 /// Why a calibration matrix was refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum IntrinsicsError {
     /// A focal length is zero, negative or not finite, or the principal point is not finite.
     #[error(

@@ -41,7 +41,7 @@ pub use photo::{Photo, Rgb};
 pub use planes::{Planes, Spacing};
 pub use pose::Pose;
 pub use roi::Roi;
-pub use scene::{Scene, Source, SparsePoint, View};
+pub use scene::{Scene, SceneError, Source, SparsePoint, View};
 pub use seen_points::SeenPoints;
 pub use similarity::Similarity;
 pub use visibility::Visibility;

@@ -14,6 +14,7 @@ pub struct Pose {
 
 /// Why a transform was refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PoseError {
     /// An entry is NaN or infinite.
     #[error("the pose has an entry that is not a finite number")]

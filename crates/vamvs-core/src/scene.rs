@@ -1,5 +1,7 @@
 //! A set of photographs with known cameras, as read from a scene's files.
 
+use std::collections::HashSet;
+
 use nalgebra::Vector3;
 
 use crate::{Camera, DepthRange, Pose};
@@ -47,4 +49,160 @@ pub struct Scene {
     pub points: Vec<SparsePoint>,
     /// For each view, its source views, best first; `None` if the scene's files do not list them.
     pub pairs: Option<Vec<Vec<Source>>>,
+}
+
+/// Why a scene contradicts itself.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SceneError {
+    /// A view is invalid.
+    #[error("view {view}{}: {problem}", in_brackets(.name))]
+    View {
+        /// Its index.
+        view: usize,
+        /// Its name.
+        name: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A sparse point is invalid.
+    #[error("point {point}: {problem}")]
+    Point {
+        /// Its index.
+        point: usize,
+        /// What is wrong.
+        problem: String,
+    },
+    /// There is not one list of source views for each view.
+    #[error("expected source views for each of the {expected} views, got lists for {found}")]
+    Pairs {
+        /// Number of views.
+        expected: usize,
+        /// Number of lists.
+        found: usize,
+    },
+}
+
+fn in_brackets(name: &str) -> String {
+    if name.is_empty() { String::new() } else { format!(" ({name})") }
+}
+
+impl Scene {
+    /// Checks what the types leave open: names, focal lengths, poses, depth ranges, and all indices of views.
+    ///
+    /// # Errors
+    /// If a view has no name, a focal length that is not positive, numbers that are not finite, or an invalid depth range;
+    /// if a point or a pair names a view that does not exist; if a list of source views holds the view itself, another one
+    /// twice, or a score that is negative or not finite.
+    pub fn validate(&self) -> Result<(), SceneError> {
+        for (view, content) in self.views.iter().enumerate() {
+            content.problem().map_or(Ok(()), |problem| Err(self.error_of(view, problem)))?;
+        }
+        for (point, SparsePoint { x_in_world, views }) in self.points.iter().enumerate() {
+            let problem = if let Some(view) = views.iter().find(|&&view| view >= self.views.len()) {
+                format!("expected views below {}, got {view}", self.views.len())
+            } else if !x_in_world.iter().all(|value| value.is_finite()) {
+                format!("expected a finite position, got {:?}", x_in_world.as_slice())
+            } else {
+                continue;
+            };
+            return Err(SceneError::Point { point, problem });
+        }
+        let Some(pairs) = &self.pairs else { return Ok(()) };
+        if pairs.len() != self.views.len() {
+            return Err(SceneError::Pairs { expected: self.views.len(), found: pairs.len() });
+        }
+        for (view, sources) in pairs.iter().enumerate() {
+            let mut taken = HashSet::from([view]);
+            for &Source { view: source, score } in sources {
+                if source >= self.views.len() || !taken.insert(source) {
+                    let problem = format!(
+                        "expected other views below {} as its sources, each once, got {source}",
+                        self.views.len()
+                    );
+                    return Err(self.error_of(view, problem));
+                }
+                if !(score.is_finite() && score >= 0.0) {
+                    let problem = format!("expected scores of at least 0, got {score} for view {source}");
+                    return Err(self.error_of(view, problem));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn error_of(&self, view: usize, problem: String) -> SceneError {
+        SceneError::View { view, name: self.views[view].name.clone(), problem }
+    }
+}
+
+impl View {
+    fn problem(&self) -> Option<String> {
+        let k = &self.camera.intrinsics;
+        let positive = |value: f64| value.is_finite() && value > 0.0;
+        let pose = &self.cam_from_world;
+        if self.name.is_empty() {
+            Some("expected a name, got none".to_owned())
+        } else if !(positive(k.fx) && positive(k.fy) && k.cx.is_finite() && k.cy.is_finite()) {
+            Some(format!("expected positive focal lengths and a finite principal point, got {k:?}"))
+        } else if !pose.rotation.iter().chain(&pose.translation).all(|value| value.is_finite()) {
+            Some("expected a finite pose".to_owned())
+        } else {
+            let DepthRange { near, far } = self.depth_range?;
+            DepthRange::try_new(near, far).err().map(|error| error.to_string())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Intrinsics, Lens, Size};
+
+    fn scene() -> Scene {
+        let intrinsics = Intrinsics { fx: 100.0, fy: 100.0, cx: 32.0, cy: 24.0 };
+        let camera = Camera { size: Size::new(64, 48), intrinsics, lens: Lens::None };
+        let view = |id: u32| View {
+            id,
+            name: format!("{id}.png"),
+            camera,
+            cam_from_world: Pose::identity(),
+            depth_range: None,
+        };
+        let points = vec![SparsePoint { x_in_world: Vector3::zeros(), views: vec![0, 2] }];
+        let pairs = Some(vec![vec![Source { view: 1, score: 1.0 }], vec![], vec![]]);
+        Scene { views: (0..3).map(view).collect(), points, pairs }
+    }
+
+    #[test]
+    fn contradictions_are_named() {
+        assert_eq!(scene().validate(), Ok(()));
+        type Change = fn(&mut Scene);
+        let changes: [(Change, &str); 9] = [
+            (|scene| scene.views[1].name.clear(), "view 1: expected a name"),
+            (|scene| scene.views[2].camera.intrinsics.fx = -1.0, "view 2 (2.png): expected positive focal"),
+            (|scene| scene.views[0].cam_from_world.translation.x = f64::NAN, "finite pose"),
+            (|scene| scene.views[0].depth_range = Some(DepthRange { near: 8.0, far: 2.0 }), "view 0"),
+            (|scene| scene.points[0].views.push(3), "point 0: expected views below 3, got 3"),
+            (|scene| scene.pairs.as_mut().unwrap().truncate(2), "each of the 3 views, got lists for 2"),
+            (
+                |scene| scene.pairs.as_mut().unwrap()[1] = vec![Source { view: 1, score: 1.0 }],
+                "each once, got 1",
+            ),
+            (
+                |scene| scene.pairs.as_mut().unwrap()[1] = vec![Source { view: 99, score: 1.0 }],
+                "below 3 as its sources",
+            ),
+            (
+                |scene| scene.pairs.as_mut().unwrap()[1] = vec![Source { view: 0, score: f64::NAN }],
+                "got NaN for view 0",
+            ),
+        ];
+        for (change, expected) in changes {
+            let mut scene = scene();
+            change(&mut scene);
+            let error = scene.validate().unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+    }
 }

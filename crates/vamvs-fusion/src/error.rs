@@ -9,6 +9,7 @@ pub type BoxError = Box<dyn std::error::Error + Send + Sync>;
 
 /// Why a fusion stopped.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum FuseError {
     /// A threshold outside of its range.
     #[error(transparent)]

@@ -9,6 +9,7 @@ use vamvs_core::Size;
 
 /// Why a file could not be read or written.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum IoError {
     /// The operating system refused.
     #[error("cannot {action} {}", path.display())]
@@ -80,6 +81,7 @@ pub enum IoError {
 
 /// A place in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Place {
     /// The file as a whole.
     Whole,

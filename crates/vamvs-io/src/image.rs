@@ -250,7 +250,12 @@ fn decode_bytes(
 }
 
 fn read_limited(path: &Path) -> Result<Vec<u8>, IoError> {
-    let length = fs::metadata(path).map_err(IoError::system("open", path))?.len();
+    let about = fs::metadata(path).map_err(IoError::system("open", path))?;
+    if !about.is_file() {
+        let problem = "expected an image file, found something else, such as a folder or a pipe";
+        return Err(IoError::unsupported(path, Place::Whole, problem));
+    }
+    let length = about.len();
     if length > MAX_BYTES {
         let problem = format!("expected an image file of at most {MAX_BYTES} bytes, found {length}");
         return Err(IoError::unsupported(path, Place::Whole, problem));

@@ -171,6 +171,10 @@ fn pairs_of_a_whole_scene_serve_a_part_of_its_views() {
     let loaded = read(&folder).unwrap();
     let source = Source { view: 0, score: 0.25 };
     assert_eq!(loaded.scene.pairs.unwrap(), [vec![], vec![source]]);
+    let unnumbered = self::folder(&["a", "b"], &["a.jpg", "b.jpg"]);
+    save(&unnumbered.path().join("pair.txt"), "2\n1\n1 2 0.5\n2\n1 1 0.5\n");
+    let error = read(&unnumbered).unwrap_err().to_string();
+    assert!(error.contains("expected numbers from 0 to 1") && error.ends_with("found 2"), "{error}");
     let expected = "pair.txt: 1 of the views have no camera file and are not used (7 …)";
     assert!(loaded.warnings.iter().any(|warning| warning.ends_with(expected)), "{:?}", loaded.warnings);
 }

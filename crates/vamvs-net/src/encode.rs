@@ -137,6 +137,12 @@ impl EncodedView {
         Ok((view, PixelBox { x0: reduced(x0), y0: reduced(y0), x1: reduced(x1), y1: reduced(y1) }))
     }
 
+    /// Pixels of the photograph, along a side, for one of the coarse maps.
+    #[must_use]
+    pub fn coarse_scale(&self) -> usize {
+        (self.stride / self.enlarge).max(1)
+    }
+
     /// Converts a region from pixels of the photograph to pixels of the enlarged photograph.
     pub(crate) fn enlarged(&self, region: &PixelBox) -> PixelBox {
         let enlarged = |at: usize| at * self.enlarge;

@@ -54,7 +54,7 @@ impl Options {
     pub fn fusion(&mut self) -> PyResult<FusionOptions> {
         let mut options = self.take(&FusionOptions::default(), &["filter"])?;
         options.filter = self.take(&FuseOptions::default(), &[])?;
-        options.filter.validate().map_err(|error| PyValueError::new_err(error.to_string()))?;
+        options.validate().map_err(|error| PyValueError::new_err(error.to_string()))?;
         Ok(options)
     }
 

@@ -73,6 +73,7 @@ pub(crate) struct Problem<'a> {
 
 /// Why a depth map cannot be refined.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum RefineError {
     /// There is no source view.
     #[error("expected at least one source view to refine a depth map with, got none")]
@@ -80,6 +81,19 @@ pub enum RefineError {
     /// A photograph is smaller than 16×16 pixels.
     #[error("expected photographs of at least 16×16 pixels, got one of {0}")]
     TooSmall(Size),
+    /// An option is out of its range.
+    #[error("{name} must be {expected}, got {found}")]
+    Option {
+        /// The option.
+        name: &'static str,
+        /// What is allowed.
+        expected: &'static str,
+        /// Its value.
+        found: String,
+    },
+    /// A depth map or a grid has no pixels.
+    #[error("expected a depth map or grid with pixels, got one of {0}")]
+    Empty(Size),
     /// There are fewer grids than source views.
     #[error("expected one {what} for each of the {expected} source views, got {found}")]
     Count {
@@ -110,7 +124,7 @@ pub enum RefineError {
 /// [0, 1], at any size; it may be empty. Pixels outside of the reference's mask get no depth.
 ///
 /// # Errors
-/// If there is no source, or sizes or counts do not fit together.
+/// If an option is out of its range, there is no source, or sizes or counts do not fit together.
 pub fn refine(
     reference: &Photo,
     sources: &[&Photo],
@@ -119,11 +133,14 @@ pub fn refine(
     options: &RefineOptions,
 ) -> Result<Refined, RefineError> {
     let sources = &sources[..sources.len().min(MOST_SOURCES)];
+    options.validate()?;
     check(reference, sources)?;
+    check_map(["seed's camera", "seed's confidence"], seed)?;
     if !visibility.is_empty() && visibility.len() < sources.len() {
         let (expected, found) = (sources.len(), visibility.len());
         return Err(RefineError::Count { what: "visibility", expected, found });
     }
+    visibility.iter().take(sources.len()).try_for_each(|grid| check_not_empty(grid.size()))?;
     if !tiles::are_needed(reference.image.size(), options) {
         return Ok(refined_whole(&Problem { reference, sources, visibility, options }, seed));
     }
@@ -163,7 +180,7 @@ fn refined_whole(problem: &Problem<'_>, seed: &DepthMap) -> Refined {
 /// surfaces. `first` must have the size of the photograph or half of it.
 ///
 /// # Errors
-/// If there is no source, or sizes or counts do not fit together.
+/// If an option is out of its range, there is no source, or sizes or counts do not fit together.
 pub fn refine_geometric(
     reference: &Photo,
     sources: &[&Photo],
@@ -172,7 +189,9 @@ pub fn refine_geometric(
     options: &RefineOptions,
 ) -> Result<Refined, RefineError> {
     let sources = &sources[..sources.len().min(MOST_SOURCES)];
+    options.validate()?;
     check(reference, sources)?;
+    check_map(["first camera", "first confidence"], first.map)?;
     let (whole, found) = (reference.camera.size, first.map.depth.size());
     let is_half = found == source::reduced(&reference.camera, 1).size;
     if !is_half {
@@ -183,6 +202,8 @@ pub fn refine_geometric(
         let (expected, found) = (sources.len(), depths.len());
         return Err(RefineError::Count { what: "depth map or None", expected, found });
     }
+    let of_sources = depths.iter().take(sources.len()).flatten();
+    of_sources.into_iter().try_for_each(|map| check_map(["source's camera", "source's confidence"], map))?;
     let problem = Problem { reference, sources, visibility: &[], options };
     if !tiles::are_needed(whole, options) {
         return Ok(refined_again(&problem, first, depths));
@@ -242,6 +263,18 @@ fn check(reference: &Photo, sources: &[&Photo]) -> Result<(), RefineError> {
         }
     }
     Ok(())
+}
+
+/// Checks that a depth map has pixels, and a camera and a confidence of its size; errors name these `parts`.
+fn check_map(parts: [&'static str; 2], map: &DepthMap) -> Result<(), RefineError> {
+    let size = map.depth.size();
+    check_not_empty(size)?;
+    check_size(parts[0], size, map.camera.size)?;
+    check_size(parts[1], size, map.confidence.size())
+}
+
+fn check_not_empty(size: Size) -> Result<(), RefineError> {
+    if size.area() == 0 { Err(RefineError::Empty(size)) } else { Ok(()) }
 }
 
 fn check_size(what: &'static str, expected: Size, found: Size) -> Result<(), RefineError> {

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::RefineError;
+
 /// Options of [`crate::refine`] and [`crate::refine_geometric`]. A pixel of disparity is a shift of one pixel in the
 /// source views, on average over them, so nothing depends on the scene's scale.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -61,6 +63,64 @@ impl Default for RefineOptions {
             geometric_reach: 3.0,
             speckle: 40,
             tile: 1024,
+        }
+    }
+}
+
+impl RefineOptions {
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// If one is out of its range.
+    pub fn validate(&self) -> Result<(), RefineError> {
+        let positive = |value: f32| value > 0.0 && value.is_finite();
+        let at_least_0 = |value: f32| value >= 0.0 && value.is_finite();
+        let option = |is_valid, name, expected, found: &dyn std::fmt::Display| match is_valid {
+            true => Ok(()),
+            false => Err(RefineError::Option { name, expected, found: found.to_string() }),
+        };
+        option(self.halvings <= 2, "halvings", "at most 2", &self.halvings)?;
+        option(self.views >= 1, "views", "at least 1", &self.views)?;
+        option(self.beyond >= 0.0, "beyond", "at least 0, or infinite", &self.beyond)?;
+        let sides = 64..=1 << 20;
+        let is_side = sides.contains(&self.tile) && self.tile.is_multiple_of(4);
+        option(is_side, "tile", "a multiple of 4 from 64 to 1048576 pixels", &self.tile)?;
+        for (name, value) in [
+            ("colour", self.colour),
+            ("noise", self.noise),
+            ("prior-reach", self.prior_reach),
+            ("geometric-reach", self.geometric_reach),
+        ] {
+            option(positive(value), name, "above 0 and finite", &value)?;
+        }
+        for (name, value) in
+            [("prior", self.prior), ("visibility", self.visibility), ("geometric", self.geometric)]
+        {
+            option(at_least_0(value), name, "at least 0 and finite", &value)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_out_of_range_are_named() {
+        let valid = RefineOptions::default();
+        assert_eq!(valid.validate(), Ok(()));
+        let wrong = [
+            (RefineOptions { halvings: 3, ..valid }, "halvings must be at most 2, got 3"),
+            (RefineOptions { views: 0, ..valid }, "views must be at least 1, got 0"),
+            (RefineOptions { colour: 0.0, ..valid }, "colour must be above 0"),
+            (RefineOptions { beyond: f32::NAN, ..valid }, "beyond must be at least 0"),
+            (RefineOptions { tile: usize::MAX, ..valid }, "tile must be a multiple of 4"),
+            (RefineOptions { prior: -0.1, ..valid }, "prior must be at least 0"),
+        ];
+        for (options, expected) in wrong {
+            let error = options.validate().unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
         }
     }
 }

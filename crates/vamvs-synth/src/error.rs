@@ -36,6 +36,12 @@ pub enum SynthError {
         /// What differs, each as `option old instead of new`.
         differences: String,
     },
+    /// Something that is no scene of this program is where one would be made.
+    #[error("{} was not made by vamvs synth and would be removed: choose another folder, or move it away", path.display())]
+    Occupied {
+        /// The file or folder.
+        path: PathBuf,
+    },
     /// The record of a scene is not valid JSON.
     #[error("{} is not the record of a scene; overwrite the scene with --force", path.display())]
     Record {

@@ -148,7 +148,8 @@ impl SynthJob<'_> {
         let photographs = develop::develop(&shots, &recipe.effects, &mut self.random(scene, "develop"));
         let views = Views { tracer: &tracer, stations: &stations, shots: &shots, photographs: &photographs };
         views.write(&folder, recipe.normals)?;
-        recipe.save(&folder.record())
+        recipe.save(&folder.record())?;
+        folder.end()
     }
 
     /// The first stage that has room for the cameras, and the cameras.

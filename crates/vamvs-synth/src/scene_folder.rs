@@ -88,7 +88,15 @@ impl SceneFolder {
     }
 
     /// Makes the subfolders, empty. Files of earlier runs are removed, the record first.
+    ///
+    /// # Errors
+    /// If there are such files but neither a record nor the mark of an interrupted run, or the system refuses.
     pub(crate) fn begin(&self, normals: bool) -> Result<(), SynthError> {
+        if !(self.record().is_file() || self.mark().is_file()) {
+            self.expect_empty()?;
+        }
+        fs::create_dir_all(&self.root).map_err(system("make", &self.root))?;
+        atomic::write(&self.mark(), |out| writeln!(out, "vamvs synth is at work here, or was interrupted."))?;
         remove_file(&self.record())?;
         for folder in FOLDERS {
             remove_folder(&self.root.join(folder))?;
@@ -98,6 +106,28 @@ impl SceneFolder {
             fs::create_dir_all(&folder).map_err(system("make", &folder))?;
         }
         remove_temporary(&self.root)
+    }
+
+    /// Removes the mark of an unfinished scene.
+    pub(crate) fn end(&self) -> Result<(), SynthError> {
+        remove_file(&self.mark())
+    }
+
+    /// The mark of a scene that is not complete.
+    fn mark(&self) -> PathBuf {
+        self.root.join("unfinished")
+    }
+
+    /// Refuses files that this program has not made and would remove.
+    fn expect_empty(&self) -> Result<(), SynthError> {
+        let folders = FOLDERS.iter().map(|folder| self.root.join(folder));
+        let has_files =
+            |folder: &PathBuf| folder.read_dir().is_ok_and(|mut entries| entries.next().is_some());
+        let files = [self.pairs(), self.sheet()].into_iter().filter(|file| file.exists());
+        match folders.filter(has_files).chain(files).next() {
+            None => Ok(()),
+            Some(path) => Err(SynthError::Occupied { path }),
+        }
     }
 
     /// Writes a view's photograph and camera.
@@ -198,6 +228,10 @@ mod tests {
             atomic::write(path, |_| Ok(())).unwrap();
         }
         folder.begin(false).unwrap();
+        folder.end().unwrap();
+        atomic::write(&folder.image(0), |_| Ok(())).unwrap();
+        assert!(matches!(folder.begin(false), Err(SynthError::Occupied { .. })), "not an unfinished scene");
+        assert!(folder.image(0).exists());
         assert!(left.iter().all(|path| !path.exists()) && notes.exists());
         assert!(folder.root().join("images").is_dir() && !folder.root().join("normals").exists());
     }

@@ -84,6 +84,7 @@ impl<'a> Run<'a> {
         };
         let (network, optimizer, state) = match checkpoints.last()? {
             None => {
+                expect_no_others(&job.out)?;
                 let network = described(network, job)?;
                 let optimizer = Optimizer::new(&network, &job.options.optimizer)?;
                 (network, optimizer, fresh)
@@ -215,7 +216,22 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The network with this training added to its manifest, and without the scores and the calibration of its earlier
+/// Refuses a folder whose files would be overwritten and are not those of a run that ended before its first checkpoint.
+fn expect_no_others(out: &std::path::Path) -> Result<(), TrainError> {
+    let began = std::fs::read(out.join("log.jsonl")).is_ok_and(|log| log.starts_with(b"{"));
+    let files = ["module.pt", "best.pt", "log.jsonl", "options.json", "curves.html", "validation.png"];
+    match files.into_iter().find(|file| !began && out.join(file).exists()) {
+        None => Ok(()),
+        Some(file) => {
+            let problem = format!(
+                "{file} is not of a run in this folder and would be overwritten: choose another --out"
+            );
+            Err(TrainError::Run { folder: out.to_owned(), problem })
+        }
+    }
+}
+
+/// The network with this training added to its manifest, and without the scores and the calibrations of its earlier
 /// weights.
 fn described(mut network: Network, job: &TrainJob) -> Result<Network, TrainError> {
     let mut manifest = network.manifest().clone();
@@ -230,6 +246,7 @@ fn described(mut network: Network, job: &TrainJob) -> Result<Network, TrainError
     manifest.trained_on = if before.starts_with("nothing") { now } else { format!("{before}; {now}") };
     manifest.scores.clear();
     manifest.calibration = None;
+    manifest.refined_calibration = None;
     network.set_manifest(manifest)?;
     Ok(network)
 }

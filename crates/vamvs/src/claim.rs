@@ -1,5 +1,8 @@
-//! The mark of folders that vamvs writes to, so that it never overwrites files that are not its own.
+//! The mark of folders that vamvs writes to, so that it never overwrites files that are not its own, and that only one run
+//! at a time writes to a folder.
 
+use std::fs::{File, TryLockError};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use vamvs_io::atomic;
@@ -29,9 +32,52 @@ pub(crate) fn claim(folder: &Path, files: impl IntoIterator<Item = PathBuf>) -> 
     Ok(atomic::write(&folder.join(MARK), |out| writeln!(out, "{TEXT}"))?)
 }
 
+/// Refuses to replace a file that is not of the kind that will be written: `is_same_kind` looks at its first bytes.
+///
+/// # Errors
+/// If there is such a file.
+pub(crate) fn expect_same_kind(file: &Path, is_same_kind: impl Fn(&[u8]) -> bool) -> Result<(), VamvsError> {
+    let mut begin = Vec::new();
+    let read = File::open(file).and_then(|file| file.take(4096).read_to_end(&mut begin));
+    if read.is_err() || begin.is_empty() || is_same_kind(&begin) {
+        return Ok(());
+    }
+    let problem = "was not written by vamvs and would be overwritten: choose another --out, or move it away";
+    Err(VamvsError::Folder { path: file.to_owned(), problem: problem.to_owned() })
+}
+
 /// Whether vamvs has marked the folder.
 pub(crate) fn is_claimed(folder: &Path) -> bool {
     folder.join(MARK).is_file()
+}
+
+/// Keeps other processes from writing to a marked folder. The system gives it back however the process ends. Where the file
+/// system knows no locks, it keeps nobody from anything.
+pub(crate) struct Lock(#[expect(dead_code, reason = "holds the lock until it is closed")] Option<File>);
+
+impl Lock {
+    /// For a run that must have the folder for itself.
+    pub fn alone(folder: &Path) -> Result<Self, VamvsError> {
+        Self::of(folder, File::try_lock)
+    }
+
+    /// For one of several tasks that share the folder.
+    pub fn shared(folder: &Path) -> Result<Self, VamvsError> {
+        Self::of(folder, File::try_lock_shared)
+    }
+
+    fn of(folder: &Path, lock: fn(&File) -> Result<(), TryLockError>) -> Result<Self, VamvsError> {
+        let Ok(mark) = File::open(folder.join(MARK)) else { return Ok(Self(None)) };
+        match lock(&mark) {
+            Ok(()) => Ok(Self(Some(mark))),
+            Err(TryLockError::Error(_)) => Ok(Self(None)),
+            Err(TryLockError::WouldBlock) => {
+                let problem =
+                    "another run of vamvs writes to this folder: wait for it, or choose another --out";
+                Err(VamvsError::Folder { path: folder.to_owned(), problem: problem.to_owned() })
+            }
+        }
+    }
 }
 
 /// Removes the folder if it has nothing but its mark.

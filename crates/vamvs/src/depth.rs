@@ -13,6 +13,7 @@ use std::time::Duration;
 pub use in_memory::DepthMaps;
 pub use parts::{DepthStep, collect, estimate_part, record_file};
 
+use crate::claim::Lock;
 use crate::event::OnEvent;
 use crate::output::{LeftOut, names};
 use crate::{OutputFolder, Prepared, VamvsError};
@@ -20,6 +21,7 @@ use run::{Run, first_folder};
 
 /// What became of the views.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct DepthSummary {
     /// Depth maps made now.
     pub made: usize,
@@ -60,7 +62,7 @@ pub struct DepthJob<'a> {
 /// maps that are finished by then stay. A view is left out, also as a source view, if its
 /// photograph cannot be read or memory runs out even at half the size.
 pub fn estimate(job: &DepthJob<'_>, on_event: &mut OnEvent<'_>) -> Result<DepthSummary, VamvsError> {
-    prepare(job)?;
+    let _lock = prepare_alone(job)?;
     Run::new(job).all_views(on_event)
 }
 
@@ -68,13 +70,18 @@ pub fn estimate(job: &DepthJob<'_>, on_event: &mut OnEvent<'_>) -> Result<DepthS
 ///
 /// # Errors
 /// If the folder is the scene's own, holds depth maps of other views or files that vamvs has not written and would
-/// overwrite, or cannot be made.
+/// overwrite, another run writes to it, or it cannot be made.
 pub fn prepare(job: &DepthJob<'_>) -> Result<(), VamvsError> {
+    prepare_alone(job).map(drop)
+}
+
+/// As [`prepare`]; keeps other runs from the folder.
+fn prepare_alone(job: &DepthJob<'_>) -> Result<Lock, VamvsError> {
     let DepthJob { work, output, .. } = job;
     output.expect_apart(work.photographs.folder())?;
     let maps = planned_maps(work);
     let maps: Vec<&str> = maps.iter().map(String::as_str).collect();
-    output.prepare(&maps)?;
+    let lock = output.prepare_alone(&maps)?;
     let first = first_folder(job);
     if first == **output {
         // An interrupted run with two passes may have left first-pass maps.
@@ -86,7 +93,8 @@ pub fn prepare(job: &DepthJob<'_>) -> Result<(), VamvsError> {
         first.expect_apart(work.photographs.folder())?;
         first.prepare(&maps)?;
     }
-    output.forget_views()
+    output.forget_views()?;
+    Ok(lock)
 }
 
 /// The names of all depth maps that are planned.

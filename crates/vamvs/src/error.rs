@@ -56,16 +56,24 @@ impl From<vamvs_fusion::FuseError> for VamvsError {
 }
 
 impl VamvsError {
-    /// Whether memory ran out.
+    /// Whether memory ran out in the network.
     #[must_use]
     pub fn is_out_of_memory(&self) -> bool {
-        let causes = std::iter::successors(Some(self as &dyn std::error::Error), |error| error.source());
-        causes.map(|error| error.to_string().to_lowercase()).any(|text| {
-            // The messages of libtorch for a GPU, a CPU, and a CPU under Windows.
-            ["cuda out of memory", "can't allocate memory", "not enough memory"]
-                .iter()
-                .any(|w| text.contains(w))
-        })
+        match self {
+            Self::View { source, .. } => source.is_out_of_memory(),
+            #[cfg(feature = "net")]
+            Self::Net(error) => {
+                let causes =
+                    std::iter::successors(Some(error as &dyn std::error::Error), |error| error.source());
+                causes.map(|error| error.to_string().to_lowercase()).any(|text| {
+                    // The messages of libtorch for a GPU, a CPU, and a CPU under Windows.
+                    ["cuda out of memory", "can't allocate memory", "not enough memory"]
+                        .iter()
+                        .any(|words| text.contains(words))
+                })
+            }
+            _ => false,
+        }
     }
 
     /// Whether the run cannot go on as it is: memory ran out, or the caller cancelled.

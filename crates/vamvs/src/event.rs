@@ -8,6 +8,7 @@ use crate::output::LeftOut;
 
 /// A pass over the views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Pass {
     /// From the photographs alone; a geometric pass follows.
     Photometric,

@@ -10,6 +10,7 @@ use vamvs_fusion::{BoxError, FuseEvent, FuseJob, FuseReport, FusedPoints, MapSou
 
 pub use parts::PartialFusion;
 
+use crate::claim::expect_same_kind;
 use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
 use crate::memory::{format_bytes, keeping_freed};
@@ -22,6 +23,7 @@ const SPARE: u64 = 3;
 
 /// The result of a fusion.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct FuseSummary {
     /// Points written.
     pub points: u64,
@@ -47,7 +49,7 @@ impl FuseSummary {
 /// Fuses depth maps into the PLY file `cloud`, and writes the `exports` next to it.
 ///
 /// # Errors
-/// If files are missing or malformed, or the cloud cannot be written: then an older cloud stays as
+/// If files are missing or malformed, `cloud` is a file but no PLY, or the cloud cannot be written: then an older cloud stays as
 /// it is. If only an export cannot be written, the cloud is complete.
 pub fn fuse(
     maps: &Maps,
@@ -56,6 +58,7 @@ pub fn fuse(
     exports: &ExportOptions,
     on_event: &mut OnEvent<'_>,
 ) -> Result<FuseSummary, VamvsError> {
+    options.validate()?;
     let options = &with_own_confidence(maps, options)?;
     let neighbours = maps.neighbours(options.neighbours);
     let run =
@@ -83,6 +86,7 @@ fn write_cloud(
     run: impl FnOnce(&mut Sink<'_>, &mut OnEvent<'_>) -> Result<FuseReport, VamvsError>,
     on_event: &mut OnEvent<'_>,
 ) -> Result<FuseSummary, VamvsError> {
+    expect_same_kind(cloud, |begin| begin.starts_with(b"ply"))?;
     let lone = views_without_neighbours(maps, neighbours, options.filter.min_views);
     lone.iter().try_for_each(|view| tell(on_event, Event::left_out(view)))?;
     let skipped = [maps.left_out(), &lone].concat();

@@ -9,6 +9,7 @@ use crate::VamvsError;
 
 /// The files of a scene.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Input {
     /// MVSNet's layout.
     Mvsnet {

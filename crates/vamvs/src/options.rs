@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use vamvs_core::{DepthRange, Roi, Spacing};
 use vamvs_fusion::FuseOptions;
 
-use crate::MemoryLimit;
+use crate::{MemoryLimit, VamvsError};
 
 /// The least that the longer side of photographs may be reduced to, pixels.
 pub(crate) const MIN_SIZE: usize = 64;
@@ -102,6 +102,21 @@ pub struct FusionOptions {
     pub roi: Option<Roi>,
     /// Limit of resident memory.
     pub max_memory: MemoryLimit,
+}
+
+impl FusionOptions {
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// If one is out of its range.
+    pub fn validate(&self) -> Result<(), VamvsError> {
+        self.filter.validate().map_err(vamvs_fusion::FuseError::from)?;
+        if self.neighbours == 0 {
+            let problem = "neighbours must be at least 1: points are confirmed by other views (--neighbours)";
+            return Err(VamvsError::Request(problem.to_owned()));
+        }
+        Ok(())
+    }
 }
 
 impl Default for FusionOptions {

@@ -16,7 +16,7 @@ use vamvs_core::{DepthMap, DepthRange, Grid, Rgb, Size, Source, View};
 use vamvs_io::{IoError, atomic, image, mvsnet, pfm, visibility};
 
 use crate::VamvsError;
-use crate::claim::{claim, is_claimed, release};
+use crate::claim::{Lock, claim, is_claimed, release};
 
 pub use record::{ConfidenceKind, LeftOut, PhotographRecord, Record};
 
@@ -163,10 +163,17 @@ impl OutputFolder {
     /// If a folder cannot be made, or the folder holds depth maps of other views, or files that vamvs has not written and
     /// would overwrite.
     pub fn prepare(&self, names: &[&str]) -> Result<(), VamvsError> {
+        self.prepare_alone(names).map(drop)
+    }
+
+    /// As [`OutputFolder::prepare`]; while the lock is held, no other process may write to the folder.
+    pub(crate) fn prepare_alone(&self, names: &[&str]) -> Result<Lock, VamvsError> {
         self.expect_only(names)?;
         self.make_folders(names)?;
+        let lock = Lock::alone(&self.root)?;
         let folders = FOLDERS.iter().chain(&["normals", "visibility", "."]);
-        folders.into_iter().try_for_each(|folder| remove_unfinished(&self.root.join(folder)))
+        folders.into_iter().try_for_each(|folder| remove_unfinished(&self.root.join(folder)))?;
+        Ok(lock)
     }
 
     /// Makes the folders for depth maps of these names, unless files are there that vamvs has not written.
@@ -174,7 +181,7 @@ impl OutputFolder {
         let targets = || {
             let of_maps =
                 names.iter().flat_map(|name| self.map_files(name).into_iter().chain([self.visibility(name)]));
-            let whole = ["fused.ply", "report.html"].map(|name| self.root.join(name));
+            let whole = ["fused.ply", "report.html", "run.toml"].map(|name| self.root.join(name));
             of_maps.chain([self.pairs(), self.left_out_file(), self.fusion()]).chain(whole)
         };
         let known = self.is_own();
@@ -309,12 +316,15 @@ impl OutputFolder {
         ]
     }
 
-    /// Whether vamvs has made the folder. Earlier versions did not mark it, but left settings or records in it.
+    /// Whether vamvs has made the folder. Earlier versions did not mark it, but left records in it.
     pub(crate) fn is_own(&self) -> bool {
-        let is_record = |entry: std::fs::DirEntry| entry.path().extension().is_some_and(|end| end == "json");
+        let is_record = |entry: std::fs::DirEntry| {
+            let path = entry.path();
+            path.extension().is_some_and(|end| end == "json") && read_json::<Record>(&path).is_ok()
+        };
         let has_records =
             || self.root.join("depths").read_dir().is_ok_and(|all| all.flatten().any(is_record));
-        is_claimed(&self.root) || self.root.join("run.toml").is_file() || has_records()
+        is_claimed(&self.root) || has_records()
     }
 
     /// Removes the depth maps of these names, and the folders that are empty then.

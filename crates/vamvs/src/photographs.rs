@@ -182,6 +182,11 @@ impl Photographs {
         }
     }
 
+    /// Whether there may be a photograph of the view: false only for a file that is not there.
+    pub(crate) fn may_have(&self, view: &View) -> bool {
+        self.folder().is_none_or(|images| images.join(&view.name).is_file())
+    }
+
     /// The sizes and times of last change of a view's photograph and mask; `None` if they are not files or cannot be
     /// found.
     pub(crate) fn stamp(&self, view: &View) -> Option<String> {

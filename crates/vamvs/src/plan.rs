@@ -47,7 +47,7 @@ pub struct Plan {
 /// in the source views, unless the options give their number.
 ///
 /// # Errors
-/// If an option is invalid, or no view has another one that sees the same surfaces.
+/// If an option is invalid, the scene contradicts itself ([`Scene::validate`]), or no view has another one that sees the same surfaces.
 pub fn plan(
     scene: &Scene,
     photographs: &Photographs,
@@ -55,13 +55,16 @@ pub fn plan(
     plane_step: f64,
 ) -> Result<Plan, VamvsError> {
     check(options)?;
+    scene.validate().map_err(|error| VamvsError::Request(error.to_string()))?;
     let cameras = working_cameras(photographs, scene);
     let mut selected = view_selection::select(scene, &cameras, NEIGHBOURS.max(options.views - 1));
     let as_they_are = photographs.as_they_are();
     let sizes: Vec<Size> =
         scene.views.iter().map(|view| as_they_are.working_size(view.camera.size)).collect();
-    let is_large = |source: &Source| shorter_side(sizes[source.view]) >= SHORTEST_SIDE;
-    selected.iter_mut().for_each(|sources| sources.retain(is_large));
+    let is_there: Vec<bool> = scene.views.iter().map(|view| photographs.may_have(view)).collect();
+    let is_usable =
+        |source: &Source| is_there[source.view] && shorter_side(sizes[source.view]) >= SHORTEST_SIDE;
+    selected.iter_mut().for_each(|sources| sources.retain(is_usable));
     let seen = SeenPoints::of(scene);
     let planner = Planner { scene, seen, cameras: &cameras, sizes: &sizes, options, plane_step };
     let views: Vec<_> =
@@ -95,6 +98,15 @@ fn check(options: &DepthOptions) -> Result<(), VamvsError> {
     }
     if !(1.0..=8.0).contains(&options.enlarge) {
         return wrong(format!("enlarge must be from 1 to 8, got {}", options.enlarge));
+    }
+    let (darkest, brightest) = (options.min_brightness, options.max_brightness);
+    if darkest > brightest {
+        return wrong(format!(
+            "min-brightness {darkest} and max-brightness {brightest} leave no pixel: expected the former below the latter"
+        ));
+    }
+    if let Some(range) = options.depth_range {
+        DepthRange::try_new(range.near, range.far).map_err(|error| VamvsError::Request(error.to_string()))?;
     }
     if let Some(planes) = options.planes.filter(|planes| !(8..=2048).contains(planes)) {
         return wrong(format!("planes must be from 8 to 2048, got {planes}"));

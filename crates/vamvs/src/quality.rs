@@ -6,6 +6,7 @@ use crate::weights::NONE;
 /// A preset: sizes of photographs, and passes of refinement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[non_exhaustive]
 pub enum Quality {
     /// A quick look at a capture: photographs of 800 pixels at most, vis-corr, one pass of refinement; a third of the time
     /// of normal.

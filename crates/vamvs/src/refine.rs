@@ -43,6 +43,7 @@ pub struct RefineJob<'a> {
 
 /// What became of the views.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct RefineSummary {
     /// Depth maps refined now.
     pub made: usize,

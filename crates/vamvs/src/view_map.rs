@@ -33,12 +33,17 @@ pub struct ViewMap {
 /// Fuses depth maps that are in memory into a cloud in memory.
 ///
 /// # Errors
-/// If an option is invalid, a grid differs in size from its depth map, or `on_event` breaks.
+/// If an option is invalid or needs what maps in memory do not keep, a grid differs in size from its depth map, or `on_event` breaks.
 pub fn fuse_in_memory<M: Borrow<ViewMap> + Sync>(
     maps: &[M],
     options: &FusionOptions,
     on_event: &mut OnEvent<'_>,
 ) -> Result<Cloud, VamvsError> {
+    options.validate()?;
+    if options.network_confidence {
+        let problem = "the least confidence is given as the network's probability (network-confidence), which depth maps in memory do not keep: give it as their confidence";
+        return Err(VamvsError::Request(problem.to_owned()));
+    }
     let maps: Vec<&ViewMap> = maps.iter().map(Borrow::borrow).collect();
     let neighbours = neighbours(&maps, options.neighbours);
     let mut cloud = Cloud::new();

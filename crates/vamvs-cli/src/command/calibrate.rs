@@ -21,6 +21,15 @@ use crate::settings::Settings;
 pub fn run(arguments: &CalibrateArguments) -> Result<()> {
     Settings { threads: arguments.threads, ..Settings::default() }.use_threads()?;
     ensure!(arguments.views >= 2, "--views must be 2 at least, got {}", arguments.views);
+    for output in std::iter::once(&arguments.out).chain(&arguments.page) {
+        let problem = "is the network that is calibrated, and would be overwritten: choose another file";
+        ensure!(!is_same(output, &arguments.weights), "{} {problem}", output.display());
+    }
+    ensure!(
+        arguments.page.as_ref() != Some(&arguments.out),
+        "{}: network and page cannot be the same file",
+        arguments.out.display()
+    );
     let dataset = Dataset::open(&arguments.data)?;
     let network = Network::load(&arguments.weights, open_device(&arguments.device)?)?;
     let options = EstimatorOptions::of(&network);
@@ -113,6 +122,11 @@ fn tell(calibrations: &[(&str, Calibration)], arguments: &CalibrateArguments) {
         say!("mean calibration error of the confidence: {off_before:.1} % before, {off_after:.1} % after\n");
     }
     say!("{}", arguments.out.display());
+}
+
+/// Whether both paths exist and lead to the same file.
+fn is_same(a: &Path, b: &Path) -> bool {
+    a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
 }
 
 fn draw(calibrations: &[(&str, Calibration)], path: &Path) -> Result<()> {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use serde_json::json;
-use vamvs::fusion::FuseError;
+use vamvs::fusion::{FuseError, ViewReport};
 use vamvs::io::masks::Masks;
 use vamvs::{FuseSummary, Maps, PartialFusion, VamvsError};
 
@@ -128,11 +128,8 @@ fn say_fused(
     progress: &Progress,
 ) -> Result<()> {
     if fused.points == 0 {
-        bail!(
-            "no point survived the filters, so no cloud was written: {}. Loosen --min-views, --confidence, --max-reprojection or --max-relative-depth, with `vamvs fuse {}`",
-            fused.total(),
-            maps.root().display()
-        );
+        let total = fused.total();
+        bail!("no point survived the filters, so no cloud was written: {total}. {}", advice(&total, maps));
     }
     progress.say(&fused.total().to_string());
     if !fused.skipped.is_empty() {
@@ -140,6 +137,29 @@ fn say_fused(
     }
     say_exports(cloud, settings, progress);
     Ok(())
+}
+
+/// What to do if there are no points: it depends on what took most pixels.
+fn advice(total: &ViewReport, maps: &Maps) -> String {
+    let fuse = format!("`vamvs fuse {}`", maps.root().display());
+    let ViewReport { without_depth, masked, unconfident, outside_roi, inconsistent, .. } = *total;
+    let counts = [
+        (
+            without_depth,
+            "Look at the depth range (--depth-range), the masks and the brightness limits of the depth maps"
+                .to_owned(),
+        ),
+        (masked, "Look at the masks (--masks)".to_owned()),
+        (unconfident, format!("Lower --confidence, with {fuse}")),
+        (outside_roi, "Look at the region of interest (--roi)".to_owned()),
+        (
+            inconsistent,
+            format!(
+                "Loosen --min-support, --min-views, --max-reprojection or --max-relative-depth, with {fuse}"
+            ),
+        ),
+    ];
+    counts.into_iter().max_by_key(|(count, _)| *count).map(|(_, advice)| advice).unwrap_or_default()
 }
 
 /// Where exports are.

@@ -15,7 +15,8 @@ pub fn run(arguments: &ReconstructArguments) -> Result<()> {
     let mut settings = depth::settings(&arguments.depth)?;
     settings.apply_fusion(&arguments.fusion);
     settings.apply_export(&arguments.export);
-    settings.fusion.filter.validate()?;
+    settings.fusion.validate()?;
+    settings.export.validate()?;
     let common = &arguments.depth.common;
     let (progress, mut timing) = (Progress::of(common), Timing::begin());
     let maps = depth::estimate(&arguments.depth, &settings, &progress)?;

@@ -105,7 +105,7 @@ fn say(summary: &RefineSummary, progress: &Progress) {
 
 /// The summary for scripts.
 fn as_json(summary: &RefineSummary) -> serde_json::Value {
-    let RefineSummary { made, resumed, skipped, reading, photometric, geometric, writing } = summary;
+    let RefineSummary { made, resumed, skipped, reading, photometric, geometric, writing, .. } = summary;
     let [read, photometric, geometric, write] =
         [reading, photometric, geometric, writing].map(|time| time.as_secs_f64());
     let seconds = json!({"read": read, "photometric": photometric, "geometric": geometric, "write": write});

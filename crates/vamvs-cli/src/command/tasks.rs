@@ -1,7 +1,6 @@
 //! `vamvs tasks`: a reconstruction as a graph of commands.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -39,7 +38,8 @@ pub fn run(arguments: &TasksArguments) -> Result<()> {
     let mut settings = depth::settings(&reconstruct.depth)?;
     settings.apply_fusion(&reconstruct.fusion);
     settings.apply_export(&reconstruct.export);
-    settings.fusion.filter.validate()?;
+    settings.fusion.validate()?;
+    settings.export.validate()?;
     // Memory differs between machines, but depth maps must not.
     let memory = MemoryLimit::Bytes(settings.depth.max_memory.bytes());
     (settings.depth.max_memory, settings.fusion.max_memory) = (memory, memory);
@@ -59,9 +59,8 @@ pub fn run(arguments: &TasksArguments) -> Result<()> {
         report: !reconstruct.no_report,
         parts,
     };
-    let mut stdout = std::io::stdout().lock();
     for task in graph.tasks()? {
-        writeln!(stdout, "{}", serde_json::to_string(&task)?).context("cannot print the tasks")?;
+        say!("{}", serde_json::to_string(&task)?);
     }
     Ok(())
 }

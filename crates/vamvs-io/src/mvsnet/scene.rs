@@ -45,6 +45,16 @@ pub fn read_scene(
     warnings.extend(folder::warn_of_unused(&found, names.iter().copied()));
     let pair_file = pairs.map(Path::to_owned).or_else(|| pair_file_near(cams));
     let pairs = pair_file.as_deref().map(|path| read_pairs(path, &ids)).transpose()?;
+    if let (Some(path), Some(unknown)) = (&pair_file, pairs.as_ref().and_then(|pairs| pairs.unknown.first()))
+        && !are_of_stems(cam_files.keys(), &ids)
+    {
+        // The file may count from 1, and all its numbers mean other views.
+        let last = ids.len() - 1;
+        let problem = format!(
+            "expected numbers from 0 to {last}, in the order of the camera files, whose names have no numbers of their own; found {unknown}"
+        );
+        return Err(IoError::malformed(path, Place::Whole, problem));
+    }
     warnings.extend(pair_file.zip(pairs.as_ref()).and_then(|(path, pairs)| warn_of_unknown(&path, pairs)));
     let scene = Scene { views, points: Vec::new(), pairs: pairs.map(|pairs| pairs.sources) };
     Ok(Loaded { scene, images: images.to_owned(), masks: Masks::None, warnings })
@@ -95,8 +105,21 @@ fn match_images<'a>(
     }
     let stems = || cam_files.keys().map(String::as_str);
     let missing: Vec<&str> = stems().filter(|stem| !by_stem.contains_key(stem)).collect();
+    expect_known_format(folder, &missing)?;
     folder::missing_images(folder, &missing)?;
     Ok(stems().filter_map(|stem| by_stem.get(stem).copied()).collect())
+}
+
+/// Fails if a file of a missing image is there but of a format that cannot be read.
+fn expect_known_format(folder: &Path, missing: &[&str]) -> Result<(), IoError> {
+    let Some(first) = missing.first() else { return Ok(()) };
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut files = entries.map(|entry| entry.path()).filter(|path| path.is_file());
+    let Some(path) = files.find(|path| path.file_stem().is_some_and(|stem| stem == *first)) else {
+        return Ok(());
+    };
+    let problem = "expected an image as JPEG, PNG, TIFF, BMP or WebP, found another extension: convert it";
+    Err(IoError::unsupported(&path, Place::Whole, problem))
 }
 
 /// The view number of each stem: its last run of digits. If a stem has none, or they are not unique or do not fit
@@ -105,6 +128,11 @@ pub fn view_ids<'a>(stems: impl Iterator<Item = &'a String> + Clone) -> Vec<u32>
     let numbers: Option<Vec<u32>> = stems.clone().map(|stem| last_number(stem)).collect();
     let unique = |ids: &Vec<u32>| ids.iter().collect::<HashSet<_>>().len() == ids.len();
     numbers.filter(unique).unwrap_or_else(|| (0..).zip(stems).map(|(order, _)| order).collect())
+}
+
+/// Whether the numbers that [`view_ids`] gives are those of the stems, not indices.
+fn are_of_stems(stems: impl Iterator<Item = impl AsRef<str>>, ids: &[u32]) -> bool {
+    stems.zip(ids).all(|(stem, &id)| last_number(stem.as_ref()) == Some(id))
 }
 
 fn last_number(stem: &str) -> Option<u32> {

@@ -11,7 +11,8 @@ use crate::{Event, Pass, Prepared, VamvsError, ViewMap, ViewPlan};
 
 /// The depth maps of the planned views in their order, each made when it is asked for. No file is written.
 ///
-/// A view that can have no depth map gives an [`Event::Warning`] and is skipped. With two passes of
+/// A view that can have no depth map gives an [`Event::Warning`] and is skipped; if no view has one, the iterator gives an
+/// error with the first reason. With two passes of
 /// refinement, first-pass maps stay in memory (20 bytes a pixel) as long as a later view needs
 /// them. The iterator ends after an error.
 pub struct DepthMaps<'a> {
@@ -27,6 +28,10 @@ pub struct DepthMaps<'a> {
     first: HashMap<usize, Result<Rc<LoadedMap>, String>>,
     /// For each view, how many remaining views need its first-pass depth map.
     needed: Vec<usize>,
+    /// Whether a view has a depth map.
+    has_any: bool,
+    /// The first view without one.
+    first_left_out: Option<LeftOut>,
 }
 
 impl Prepared {
@@ -41,10 +46,14 @@ impl Iterator for DepthMaps<'_> {
 
     fn next(&mut self) -> Option<Self::Item> {
         while self.ready.is_empty() {
-            let view = self.waiting.pop_front()?;
+            let Some(view) = self.waiting.pop_front() else {
+                let left_out = self.first_left_out.take().filter(|_| !self.has_any)?;
+                return Some(Err(left_out.of_all()));
+            };
             if let Err(error) = self.view(view) {
                 self.waiting.clear();
                 self.ready.clear();
+                self.first_left_out = None;
                 return Some(Err(error));
             }
         }
@@ -67,6 +76,8 @@ impl<'a> DepthMaps<'a> {
             ready: VecDeque::new(),
             first: HashMap::new(),
             needed,
+            has_any: false,
+            first_left_out: None,
         }
     }
 
@@ -85,9 +96,12 @@ impl<'a> DepthMaps<'a> {
             Err(VamvsError::Cancelled) => return Err(VamvsError::Cancelled),
             Err(error) => {
                 let left_out = LeftOut { view: name, reason: error.with_causes() };
-                return tell(&mut self.on_event, Event::left_out(&left_out));
+                let event = Event::left_out(&left_out);
+                self.first_left_out.get_or_insert(left_out);
+                return tell(&mut self.on_event, event);
             }
         };
+        self.has_any = true;
         let map_names = work.map_names(view, &self.names[view]);
         let neighbours = &work.plan.neighbours[view];
         let with_name = |(name, MadeMap { map, colour, normals })| {

@@ -12,6 +12,7 @@ use vamvs_fusion::Schedule;
 
 use super::run::{Run, first_folder};
 use super::{DepthJob, DepthSummary, planned_maps, prepare};
+use crate::claim::Lock;
 use crate::event::OnEvent;
 use crate::output::{LeftOut, make_folder, read_json, remove_unfinished, write_json};
 use crate::{OutputFolder, Pass, Prepared, VamvsError};
@@ -19,6 +20,7 @@ use crate::{OutputFolder, Pass, Prepared, VamvsError};
 /// A pass over the views.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum DepthStep {
     /// The network and the refinement by photographs alone; the only step if depth maps are not
     /// refined twice.
@@ -46,11 +48,12 @@ struct PartRecord {
 }
 
 /// Does one step for a part of the views. Depth maps that exist already and were made from the same
-/// inputs are kept. The geometric step needs the photometric step of its views and their source
-/// views.
+/// inputs are kept. The geometric step needs the photometric steps of its views and their source
+/// views, in as many parts.
 ///
 /// # Errors
-/// As [`super::estimate`].
+/// As [`super::estimate`], or if there are more parts than views, or a photometric step is not done that the geometric one
+/// needs.
 pub fn estimate_part(
     job: &DepthJob<'_>,
     step: DepthStep,
@@ -62,12 +65,13 @@ pub fn estimate_part(
         return Err(VamvsError::Request(problem.to_owned()));
     }
     make_folders(job)?;
+    let _lock = Lock::shared(job.output.root())?;
     let run = Run::new(job);
     let own = job.work.views_of(part)?;
     let made_with = run.settings();
     let summary = match step {
         DepthStep::Photometric => run.photometric_part(&own, on_event)?,
-        DepthStep::Geometric => run.geometric_part(&own, on_event)?,
+        DepthStep::Geometric => run.geometric_part(&own, (job, part), on_event)?,
     };
     let record = PartRecord { made_with, left_out: summary.skipped.clone() };
     let file = record_file(job.output, step, part);
@@ -143,9 +147,14 @@ impl Prepared {
     /// The views of a part. Views that see the same surfaces are mostly in the same part.
     ///
     /// # Errors
-    /// If the plan names a source view that does not exist.
+    /// If there are more parts than views, or the plan names a source view that does not exist.
     pub fn views_of(&self, part: Part) -> Result<BTreeSet<usize>, VamvsError> {
         let plans = &self.plan.views;
+        if part.count() > plans.len() {
+            let problem =
+                format!("expected at most as many parts as the {} views, got part {part}", plans.len());
+            return Err(VamvsError::Request(problem));
+        }
         let sources = plans.iter().map(|plan| plan.as_ref().map_or(Vec::new(), |plan| plan.sources.clone()));
         let schedule = Schedule::new(&sources.collect::<Vec<_>>(), plans.len())?;
         Ok(schedule.confirmed_in(part).iter().copied().collect())
@@ -172,16 +181,44 @@ impl Run<'_> {
     fn geometric_part(
         mut self,
         own: &BTreeSet<usize>,
+        (job, part): (&DepthJob<'_>, Part),
         on_event: &mut OnEvent<'_>,
     ) -> Result<DepthSummary, VamvsError> {
         self.find_done(own);
-        // A view without a photometric map was left out by its photometric part, which recorded
-        // why.
-        let has_none =
-            |view: &usize| !self.done.contains(view) && self.first.saved(&self.names[*view]).is_none();
-        self.left_out = own.iter().copied().filter(has_none).collect();
+        let needed = self.needed(own);
+        let without_first = self.without_first(&needed, (job, part))?;
+        self.left_out = own.intersection(&without_first).copied().collect();
         self.geometric_pass(own, on_event)?;
         Ok(self.timed())
+    }
+
+    /// Those of the `needed` views that their photometric parts have left out. It is an error if another one has no
+    /// photometric depth map.
+    fn without_first(
+        &self,
+        needed: &BTreeSet<usize>,
+        (job, part): (&DepthJob<'_>, Part),
+    ) -> Result<BTreeSet<usize>, VamvsError> {
+        let is_missing = |view: &usize| {
+            self.work.plan.views[*view].is_ok() && self.first.saved(&self.names[*view]).is_none()
+        };
+        let missing: BTreeSet<usize> = needed.iter().copied().filter(is_missing).collect();
+        for part in Part::all(part.count()) {
+            let views = self.work.views_of(part)?;
+            let mut expected = views.intersection(&missing).peekable();
+            if expected.peek().is_none() {
+                continue;
+            }
+            let record = read_json::<PartRecord>(&record_file(job.output, DepthStep::Photometric, part)).ok();
+            let record = record.filter(|record| record.made_with == self.settings());
+            let names = record.map(|record| record.left_out).unwrap_or_default();
+            let is_told =
+                |view: &usize| names.iter().any(|left| left.view == self.work.scene.views[*view].name);
+            if !expected.all(is_told) {
+                return Err(not_done(job, DepthStep::Photometric, part));
+            }
+        }
+        Ok(missing)
     }
 
     /// The views of `own`, and those that have one of them as a source view.

@@ -211,8 +211,8 @@ impl<'a> Run<'a> {
     /// error if no view has one.
     pub fn finish(self) -> Result<DepthSummary, VamvsError> {
         let there: Vec<usize> = (0..self.names.len()).filter(|view| !self.left_out.contains(view)).collect();
-        if let (true, Some(LeftOut { view, reason })) = (there.is_empty(), self.summary.skipped.first()) {
-            return Err(VamvsError::Request(format!("no depth map could be made: {view}: {reason}")));
+        if let (true, Some(left_out)) = (there.is_empty(), self.summary.skipped.first()) {
+            return Err(left_out.clone().of_all());
         }
         let of_view = |&view: &usize| self.map_names(view).into_iter().map(move |name| (view, name));
         let maps: Vec<(usize, String)> = there.iter().flat_map(of_view).collect();

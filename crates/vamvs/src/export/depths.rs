@@ -25,10 +25,7 @@ impl DepthFolder {
     /// `depths/` in the folder of the cloud. Depth maps there that vamvs has not written, or that are those of another run,
     /// are not overwritten.
     pub fn new(maps: &Maps, beside: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
-        if let Some(step) = options.png_step.filter(|step| !(step.is_finite() && *step > 0.0)) {
-            let problem = format!("png-step must be a depth above 0, got {step}");
-            return Err(VamvsError::Request(problem));
-        }
+        options.validate()?;
         let root = beside.join("depths");
         let folder = Self { root, formats: options.depth_formats.clone(), png_step: options.png_step };
         let is_of_run = is_same(beside, maps.root()) && OutputFolder::new(beside).is_own();

@@ -44,6 +44,7 @@ pub struct ExportOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[non_exhaustive]
 pub enum ExportTarget {
     /// `colmap/`: a dense workspace, with the cloud and the views of its points.
     Colmap,
@@ -66,6 +67,7 @@ impl ExportTarget {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[non_exhaustive]
 pub enum DepthFormat {
     /// 32 bits, rows from bottom to top.
     Pfm,
@@ -154,6 +156,19 @@ impl ExportOptions {
             }
         }
         Ok(())
+    }
+
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// If one is out of its range.
+    pub fn validate(&self) -> Result<(), VamvsError> {
+        match self.png_step.filter(|step| !(step.is_finite() && *step > 0.0)) {
+            None => Ok(()),
+            Some(step) => {
+                Err(VamvsError::Request(format!("png-step must be a depth above 0, got {step} (--png-step)")))
+            }
+        }
     }
 
     /// Refuses to export over inputs: `inputs` are the folders that are read, `folder` is that of

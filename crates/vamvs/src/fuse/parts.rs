@@ -36,7 +36,7 @@ impl<'a> PartialFusion<'a> {
     /// # Errors
     /// If an option is invalid, or asks for the network's confidence, which the depth maps do not have.
     pub fn new(maps: &'a Maps, options: &FusionOptions) -> Result<Self, VamvsError> {
-        options.filter.validate().map_err(FuseError::from)?;
+        options.validate()?;
         let options = with_own_confidence(maps, options)?;
         let neighbours = maps.neighbours(options.neighbours);
         let schedule = Schedule::new(&neighbours, maps.len())?;

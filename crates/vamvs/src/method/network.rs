@@ -138,7 +138,9 @@ impl NetworkMethod {
             Some(region) => {
                 let (part, place) = features(reference).cropped(&widened(region, camera.size))?;
                 let (map, seen) = estimator.estimate_seen(&part, &sources, planes, profile)?;
-                let seen = seen.iter().map(|seen| placed_visibility(seen, place, camera.size)).collect();
+                let place_and_scale = (place, part.coarse_scale());
+                let placed_seen = |seen| placed_visibility(seen, place_and_scale, camera.size);
+                let seen = seen.iter().map(placed_seen).collect();
                 (vec![placed(&map, camera, place, region)], seen)
             }
         })

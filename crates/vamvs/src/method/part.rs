@@ -38,9 +38,9 @@ pub fn placed(part: &DepthMap, camera: Pinhole, place: PixelBox, region: PixelBo
     }
 }
 
-/// A visibility map of the whole image, of size `whole`, with that of a part at its place; 0 elsewhere.
-pub fn placed_visibility(part: &Grid<f32>, place: PixelBox, whole: Size) -> Grid<f32> {
-    let scale = (place.x1 - place.x0).div_ceil(part.width()).max(1);
+/// A visibility map of the whole image, of size `whole` and with a pixel for each `scale` × `scale` of its pixels, with
+/// that of a part at its place; 0 elsewhere.
+pub fn placed_visibility(part: &Grid<f32>, (place, scale): (PixelBox, usize), whole: Size) -> Grid<f32> {
     let size = Size::new(whole.width / scale, whole.height / scale);
     Grid::from_fn(size, |x, y| at_place(part, (place, scale), (x, y)))
 }
@@ -51,4 +51,20 @@ fn at_place(values: &Grid<f32>, (place, scale): (PixelBox, usize), (x, y): (usiz
     let local = |at: usize, first: usize| at.checked_sub(first / scale);
     let inside = local(x, place.x0).zip(local(y, place.y0));
     inside.and_then(|(x, y)| values.get(x, y).copied()).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_visibility_of_a_part_has_its_place_whatever_the_padding() {
+        // A photograph of 500 pixels is padded to 504, and a part that reaches its right edge with it.
+        let place = PixelBox { x0: 96, y0: 64, x1: 504, y1: 384 };
+        let part = Grid::from_fn(Size::new((500 - 96) / 4, (375 - 64) / 4), |x, y| (1 + x + 1000 * y) as f32);
+        let whole = placed_visibility(&part, (place, 4), Size::new(500, 375));
+        assert_eq!(whole.size(), Size::new(125, 93));
+        assert_eq!(whole[(124, 92)], part[(100, 76)]);
+        assert_eq!((whole[(24, 16)], whole[(23, 16)], whole[(24, 15)]), (1.0, 0.0, 0.0));
+    }
 }

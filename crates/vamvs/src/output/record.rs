@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use vamvs_core::{MonotoneMap, Planes};
 
+use crate::VamvsError;
+
 /// The record of how a depth map was made, stored next to it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
@@ -35,6 +37,7 @@ pub struct PhotographRecord {
 /// What the values of a confidence map are.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum ConfidenceKind {
     /// Unknown.
     #[default]
@@ -54,4 +57,12 @@ pub struct LeftOut {
     pub view: String,
     /// Why.
     pub reason: String,
+}
+
+impl LeftOut {
+    /// The error of a run in which this is the first of the views, and none has a depth map.
+    pub(crate) fn of_all(self) -> VamvsError {
+        let Self { view, reason } = self;
+        VamvsError::Request(format!("no depth map could be made: {view}: {reason}"))
+    }
 }

@@ -67,7 +67,7 @@ impl<'a> Run<'a> {
         let names: Vec<&str> = self.job.maps.names().iter().map(String::as_str).collect();
         self.job.output.expect_apart(self.job.photographs.folder())?;
         self.job.output.expect_apart([self.job.maps.root().join("images").as_path()])?;
-        self.job.output.prepare(&names)?;
+        let _lock = self.job.output.prepare_alone(&names)?;
         if self.job.geometric {
             self.first.expect_apart(self.job.photographs.folder())?;
             self.first.expect_apart([self.job.maps.root().join("images").as_path()])?;
@@ -106,7 +106,7 @@ impl<'a> Run<'a> {
             self.summary.resumed += 1;
             return Ok(Ok(Outcome::Resumed));
         }
-        let refined = if self.job.geometric { self.refined_again(map) } else { self.refined(map) };
+        let refined = if self.job.geometric { self.refined_again(map)? } else { self.refined(map) };
         match refined {
             Err(error) => Ok(Err(error)),
             Ok(refined) => match self.save(self.job.output, map, refined, &record)? {
@@ -147,39 +147,54 @@ impl<'a> Run<'a> {
         Ok(Ok(()))
     }
 
-    /// A depth map refined by the photographs and then with the depth maps of the source views.
-    fn refined_again(&mut self, map: usize) -> Result<Refined, VamvsError> {
-        self.ensure_first(map)?;
+    /// A depth map refined by the photographs and then with the depth maps of the source views. The outer error means that a
+    /// file could not be written.
+    fn refined_again(&mut self, map: usize) -> Result<Result<Refined, VamvsError>, VamvsError> {
+        if let Err(error) = self.ensure_first(map)? {
+            return Ok(Err(error));
+        }
         // A source view without photograph is skipped; the warning comes with its own turn.
         let names = self.job.maps.names();
         let mut sources = Vec::new();
         for source in self.sources[map].clone() {
             if let Ok(photo) = self.photo(source) {
-                self.ensure_first(source).ok();
+                // What it could not be refined for is told in its own turn; it has no depth map here.
+                self.ensure_first(source)?.ok();
                 sources.push((source, photo));
             }
         }
-        let reference = self.photo(map)?;
+        let reference = match self.photo(map) {
+            Ok(reference) => reference,
+            Err(error) => return Ok(Err(error)),
+        };
         let begin = Instant::now();
         let first = |map: usize, needed| geometric::loaded(&self.first, &names[map], needed);
-        let refined = geometric::refined(first, (map, &reference), &sources, self.job.options)?;
+        let refined = geometric::refined(first, (map, &reference), &sources, self.job.options);
         self.summary.geometric += begin.elapsed();
         Ok(refined)
     }
 
-    /// Makes the photometric depth map of a view unless it exists.
-    fn ensure_first(&mut self, map: usize) -> Result<(), VamvsError> {
+    /// Makes the photometric depth map of a view unless it exists. The outer error means that a file could not be written.
+    fn ensure_first(&mut self, map: usize) -> Result<Result<(), VamvsError>, VamvsError> {
         if self.has_first.contains(&map) {
-            return Ok(());
+            return Ok(Ok(()));
         }
-        let record = self.record(map, false)?;
+        let record = match self.record(map, false) {
+            Ok(record) => record,
+            Err(error) => return Ok(Err(error)),
+        };
         let folder = self.first.clone();
         if !self.is_there(&folder, map, &record) {
-            let refined = self.refined(map)?;
-            self.save(&folder, map, refined, &record)??;
+            let saved = match self.refined(map) {
+                Ok(refined) => self.save(&folder, map, refined, &record)?,
+                Err(error) => Err(error),
+            };
+            if saved.is_err() {
+                return Ok(saved);
+            }
         }
         self.has_first.insert(map);
-        Ok(())
+        Ok(Ok(()))
     }
 
     /// A depth map refined by the photographs alone.

@@ -14,6 +14,7 @@ use vamvs_io::{IoError, ply};
 use vamvs_picture::number::{grouped, percent};
 use vamvs_picture::{CloudView, Legend, Page, Scale, Share, ShownCamera};
 
+use crate::claim::expect_same_kind;
 use crate::event::{OnEvent, tell};
 use crate::output::LeftOut;
 use crate::{Event, Maps, MemoryLimit, OutputFolder, VamvsError};
@@ -34,9 +35,15 @@ const BYTES_PER_PIXEL: u64 = 60;
 /// Writes the page of depth maps, `report.html` in their folder; returns its path.
 ///
 /// # Errors
-/// If a file is missing or malformed, or the page cannot be written.
+/// If a file is missing or malformed, `report.html` is of another program, or the page cannot be written.
 pub fn write(maps: &Maps, limit: MemoryLimit, on_event: &mut OnEvent<'_>) -> Result<PathBuf, VamvsError> {
     let path = maps.root().join("report.html");
+    // Pages of earlier versions have only their style sheet to tell them.
+    let is_page = |begin: &[u8]| {
+        let text = String::from_utf8_lossy(begin);
+        text.contains(r#"name="generator" content="vamvs""#) || text.contains("--lost-0")
+    };
+    expect_same_kind(&path, is_page)?;
     Report::open(maps, limit)?.page(on_event)?.save(&path)?;
     Ok(path)
 }

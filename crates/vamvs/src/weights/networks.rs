@@ -51,6 +51,11 @@ pub fn bytes(weights: Option<&Path>) -> Result<Cow<'static, [u8]>, VamvsError> {
 }
 
 fn not_there(path: &Path) -> VamvsError {
+    if path == Path::new(NONE) {
+        return VamvsError::Request(format!(
+            "{NONE} is the plane sweep, which is no network: expected a module"
+        ));
+    }
     let names = BUILT_IN.map(|(name, _)| name).join(", ");
     VamvsError::Request(format!(
         "{}: no such file, and no built-in network: expected a module, {names} or {NONE}",
