@@ -325,6 +325,14 @@ fn a_calibrated_network_tells_the_fitted_share_as_its_confidence() {
     for (told, raw) in told.data().iter().zip(raw.data()) {
         assert_eq!(*told, map.at(f64::from(*raw)) as f32);
     }
+    // Other weights have no calibration.
+    let mut calibrated = Network::load(&file, Device::Cpu).unwrap();
+    let mut manifest = calibrated.manifest().clone();
+    manifest.refined_calibration = manifest.calibration.clone();
+    calibrated.set_manifest(manifest).unwrap();
+    let trained = train(&job(folder.path(), "trained", 1), calibrated, &mut |_| ()).unwrap();
+    let manifest = trained.manifest();
+    assert_eq!((&manifest.calibration, &manifest.refined_calibration), (&None, &None));
     // Calibrating again starts from the raw confidence and gives the same map.
     calibrate(&mut estimator, &training, &measure).unwrap();
     assert_eq!(estimator.network().manifest().calibration, Some(map));
@@ -368,4 +376,17 @@ fn views_can_be_weighted_by_the_true_visibility() {
     let (own, given) = (swept(None), swept(Some(masks)));
     assert!(given.visibility[1].equal(&left) && !own.visibility[1].equal(&left));
     assert!(!own.volume.equal(&given.volume));
+}
+
+#[test]
+fn files_of_others_are_not_replaced_by_those_of_a_run() {
+    let folder = tempfile::tempdir().unwrap();
+    for file in ["module.pt", "log.jsonl"] {
+        let job = job(folder.path(), file, 1);
+        std::fs::create_dir_all(&job.out).unwrap();
+        vamvs_io::atomic::write(&job.out.join(file), |out| out.write_all(b"of somebody")).unwrap();
+        let error = train(&job, network("vis-max"), &mut |_| ()).unwrap_err().to_string();
+        assert!(error.contains(file) && error.contains("choose another --out"), "{error}");
+        assert_eq!(std::fs::read(job.out.join(file)).unwrap(), b"of somebody");
+    }
 }

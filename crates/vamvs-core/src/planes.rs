@@ -65,7 +65,7 @@ impl Planes {
 
     /// Planes for a depth range, given the reference and source cameras. Neighbouring planes are about
     /// `step` pixels apart in the source images (the median over sources and rays). Their number is
-    /// rounded up to a multiple of 8 and clamped to between 32 and `most`. Spacing is uniform in inverse
+    /// rounded up to a multiple of 8 and clamped to between 32 and `most`, which counts as 2 at least. Spacing is uniform in inverse
     /// depth if the range is wide, far > 3 · near.
     #[must_use]
     pub fn for_views(
@@ -79,6 +79,7 @@ impl Planes {
         spans.sort_by(f64::total_cmp);
         let span = spans.get(spans.len() / 2).copied().unwrap_or(0.0);
         let count = (span / step).ceil().min(most as f64) as usize + 1;
+        let most = most.max(2);
         let count = count.next_multiple_of(8).clamp(FEWEST.min(most), most);
         let wide = range.far > WIDE_RATIO * range.near;
         Self { range, count, spacing: if wide { Spacing::InverseDepth } else { Spacing::Depth } }

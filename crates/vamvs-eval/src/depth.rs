@@ -205,15 +205,14 @@ impl DepthSamples {
         };
         let in_region = self.samples.iter().filter(wanted);
         let true_pixels = in_region.clone().count();
-        let both: Vec<&Sample> = in_region.filter(|sample| !sample.absolute.is_nan()).collect();
-        let spread =
-            |value: fn(&Sample) -> f32| Spread::of(both.iter().map(|s| f64::from(value(s))).collect());
+        let both = in_region.filter(|sample| !sample.absolute.is_nan());
+        let spread = |value: fn(&Sample) -> f32| Spread::of_singles(both.clone().map(value).collect());
         DepthErrors {
             true_pixels,
-            coverage: share(both.len(), true_pixels),
+            coverage: share(both.clone().count(), true_pixels),
             absolute: spread(|sample| sample.absolute),
             relative: spread(|sample| sample.relative),
-            within: thresholds.iter().map(|&threshold| within(&both, threshold)).collect(),
+            within: thresholds.iter().map(|&threshold| within(both.clone(), threshold)).collect(),
         }
     }
 }
@@ -265,14 +264,14 @@ impl Sample {
     }
 }
 
-fn within(samples: &[&Sample], threshold: Threshold) -> Within {
+fn within<'a>(samples: impl Iterator<Item = &'a Sample> + Clone, threshold: Threshold) -> Within {
     let (error, limit): (fn(&Sample) -> f32, f64) = match threshold {
         Threshold::Absolute(limit) => (|sample| sample.absolute, limit),
         Threshold::Relative(limit) => (|sample| sample.relative, limit),
         Threshold::Planes(limit) => (|sample| sample.planes, limit),
     };
-    let near = samples.iter().filter(|sample| error(sample) <= limit as f32).count();
-    Within { threshold, share: share(near, samples.len()) }
+    let near = samples.clone().filter(|sample| error(sample) <= limit as f32).count();
+    Within { threshold, share: share(near, samples.count()) }
 }
 
 fn share(part: usize, of: usize) -> f64 {

@@ -369,8 +369,8 @@ impl Sweep<'_> {
                 reduction: Reduction::of(self.network.manifest().aggregation),
                 aside: ncc.map(|_| own),
             };
-            let plane = related.f_get(plane)?;
-            let values = in_memory_mut(&plane)?;
+            let mut plane = related.f_get(plane)?;
+            let values = in_memory_mut(&mut plane)?;
             pairs::related(&pairs, &sources, values, &mut moments);
             if let Some(ncc) = ncc {
                 ncc::similarity(*ncc, own, &moments, w as usize, values);

@@ -144,8 +144,8 @@ impl FlowStage<'_> {
     ) -> Result<Tensor, NetError> {
         let Some(layers) = layers else { return self.network.flow(features, neighbours) };
         let rows = features.f_squeeze_dim(0)?.f_tr()?.f_contiguous()?; // (P, C'' + 24)
-        let scores = Tensor::f_empty([1, rows.size()[0]], (Kind::Float, tch::Device::Cpu))?;
-        edges::scores(layers, in_memory(&rows)?, in_memory(neighbours)?, in_memory_mut(&scores)?);
+        let mut scores = Tensor::f_empty([1, rows.size()[0]], (Kind::Float, tch::Device::Cpu))?;
+        edges::scores(layers, in_memory(&rows)?, in_memory(neighbours)?, in_memory_mut(&mut scores)?);
         Ok(scores)
     }
 

@@ -66,18 +66,14 @@ pub fn to_triples<T: Element + Copy>(what: &str, array: &PyReadonlyArray3<'_, T>
 /// A matrix K as intrinsics.
 pub fn to_intrinsics(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Intrinsics> {
     let k = array.as_array();
-    let skewed = || [(0, 1), (1, 0), (2, 0), (2, 1)].iter().any(|&place| k[place] != 0.0) || k[(2, 2)] != 1.0;
-    if k.dim() != (3, 3)
-        || skewed()
-        || !k.iter().all(|v| v.is_finite())
-        || k[(0, 0)] <= 0.0
-        || k[(1, 1)] <= 0.0
-    {
-        return Err(PyValueError::new_err(format!(
-            "K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx and fy above 0, found {k}"
-        )));
+    let wrong = || {
+        let expected = "K: expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx and fy above 0";
+        PyValueError::new_err(format!("{expected}, found {k}"))
+    };
+    if k.dim() != (3, 3) {
+        return Err(wrong());
     }
-    Ok(Intrinsics { fx: k[(0, 0)], fy: k[(1, 1)], cx: k[(0, 2)], cy: k[(1, 2)] })
+    Intrinsics::try_from_matrix(&Matrix3::from_fn(|row, column| k[(row, column)])).map_err(|_| wrong())
 }
 
 /// The matrix K.

@@ -18,13 +18,20 @@ use vamvs::VamvsError;
 
 create_exception!(_vamvs, Error, PyException, "What went wrong, with the file, line or field.");
 
+create_exception!(_vamvs, Cancelled, Error, "on_event ended the work.");
+
 /// The error as Python sees it.
 fn error(error: &VamvsError) -> PyErr {
-    Error::new_err(error.with_causes())
+    match error {
+        VamvsError::Cancelled => Cancelled::new_err(error.with_causes()),
+        error => Error::new_err(error.with_causes()),
+    }
 }
 
 #[pymodule]
 mod _vamvs {
+    #[pymodule_export]
+    use super::Cancelled;
     #[pymodule_export]
     use super::Error;
     #[pymodule_export]

@@ -2,7 +2,7 @@
 
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
@@ -19,7 +19,11 @@ impl Options {
     pub fn new(given: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let mut options = Self { given: Map::new(), known: Vec::new() };
         let Some(given) = given else { return Ok(options) };
-        let text: String = given.py().import("json")?.call_method1("dumps", (given,))?.extract()?;
+        // Numbers and arrays of NumPy become Python's.
+        let plain = given.py().import("operator")?.call_method1("methodcaller", ("tolist",))?;
+        let default = [("default", plain)].into_py_dict(given.py())?;
+        let text: String =
+            given.py().import("json")?.call_method("dumps", (given,), Some(&default))?.extract()?;
         let values: Map<String, Value> =
             serde_json::from_str(&text).map_err(|error| PyValueError::new_err(error.to_string()))?;
         for (name, value) in values {

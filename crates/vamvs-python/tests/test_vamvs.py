@@ -115,8 +115,24 @@ def test_files_in_and_out_with_progress_and_resumption(folder, maps):
     assert error_of(list(scene.depth_maps(**QUICK))) < 0.005
 
 
+def test_numbers_of_numpy_are_options_and_a_tiny_skew_is_none():
+    images, poses = [photograph(eye) for eye in EYES], [pose(eye) for eye in EYES]
+    skewed = K.copy()
+    skewed[0, 1] = 1e-10
+    scene = vamvs.Scene.from_arrays(images, [skewed] * 4, poses, names=list("abcd"))
+    smaller = {**QUICK, "max_size": np.int64(WIDTH // 2)}
+    assert next(scene.depth_maps(**smaller)).depth.shape == (HEIGHT // 2, WIDTH // 2)
+
+
+def test_no_depth_map_at_all_is_an_error():
+    images, poses = [photograph(eye) for eye in EYES], [pose(eye) for eye in EYES]
+    scene = vamvs.Scene.from_arrays(images, [K] * 4, poses, masks=[np.ones((3, 3), bool)] * 4)
+    with pytest.raises(vamvs.Error, match="no depth map could be made: .*mask"):
+        list(scene.depth_maps(**QUICK))
+
+
 def test_the_caller_ends_the_work(scene):
-    with pytest.raises(vamvs.Error, match="cancelled"):
+    with pytest.raises(vamvs.Cancelled, match="cancelled"):
         list(scene.depth_maps(on_event=lambda event: False, **QUICK))
 
     def fails(event):

@@ -30,6 +30,11 @@ pub fn plane_sweep(
     options: &RefineOptions,
 ) -> Result<DepthMap, RefineError> {
     let sources = &sources[..sources.len().min(source::MOST_SOURCES)];
+    options.validate()?;
+    if planes.count < 2 {
+        let found = planes.count.to_string();
+        return Err(RefineError::Option { name: "planes", expected: "at least 2", found });
+    }
     check(reference, sources)?;
     let problem = Problem { reference, sources, visibility: &[], options };
     let matcher = solve::matcher(&problem, LEVEL);

@@ -138,7 +138,9 @@ fn an_interrupted_scene_is_made_anew() {
     for (from, to) in [(scene.image(0), scene.image(1)), (scene.image(0), scene.image(8))] {
         fs::copy(from, to).unwrap();
     }
-    fs::copy(scene.pairs(), scene.root().join(".vamvs-killed")).unwrap();
+    for left in [".vamvs-killed", "unfinished"] {
+        fs::copy(scene.pairs(), scene.root().join(left)).unwrap();
+    }
     assert_eq!(set.run(0..1).unwrap(), SynthSummary { made: 1, kept: 0 });
     expect_equal(&set.files(), &undisturbed);
 }

@@ -45,6 +45,7 @@ pub struct DepthSummary {
 }
 
 /// Depth maps that go to a folder.
+#[derive(Clone, Copy, Debug)]
 pub struct DepthJob<'a> {
     /// What they are made of.
     pub work: &'a Prepared,

@@ -6,6 +6,7 @@ mod network;
 mod part;
 mod plane_sweep;
 
+use std::fmt;
 use std::path::Path;
 use std::time::Duration;
 
@@ -27,6 +28,12 @@ pub enum Method {
     Network(Box<NetworkMethod>),
     /// By a plane sweep over the photographs, with semi-global matching: `--weights none`. It needs no libtorch.
     PlaneSweep,
+}
+
+impl fmt::Debug for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.name())
+    }
 }
 
 /// What a method keeps of a photograph beside its pixels.

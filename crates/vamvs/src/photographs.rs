@@ -187,14 +187,20 @@ impl Photographs {
         self.folder().is_none_or(|images| images.join(&view.name).is_file())
     }
 
-    /// The sizes and times of last change of a view's photograph and mask; `None` if they are not files or cannot be
+    /// The paths, sizes and times of last change of a view's photograph and mask; `None` if they are not files or cannot be
     /// found.
     pub(crate) fn stamp(&self, view: &View) -> Option<String> {
         let Origin::Files { images, masks } = &self.origin else { return None };
         let stamp = |file: PathBuf| {
             let about = std::fs::metadata(&file).ok()?;
             let changed = about.modified().ok()?.duration_since(std::time::UNIX_EPOCH).ok()?;
-            Some(format!("{} bytes, changed {} ns after 1970", about.len(), changed.as_nanos()))
+            let file = std::path::absolute(&file).ok()?;
+            Some(format!(
+                "{}: {} bytes, changed {} ns after 1970",
+                file.display(),
+                about.len(),
+                changed.as_nanos()
+            ))
         };
         let photograph = stamp(images.join(&view.name))?;
         Some(match masks.find(&view.name) {

@@ -62,6 +62,8 @@ pub fn plan(
     let sizes: Vec<Size> =
         scene.views.iter().map(|view| as_they_are.working_size(view.camera.size)).collect();
     let is_there: Vec<bool> = scene.views.iter().map(|view| photographs.may_have(view)).collect();
+    // If none is there, reading them says why.
+    let is_there = if is_there.contains(&true) { is_there } else { vec![true; is_there.len()] };
     let is_usable =
         |source: &Source| is_there[source.view] && shorter_side(sizes[source.view]) >= SHORTEST_SIDE;
     selected.iter_mut().for_each(|sources| sources.retain(is_usable));

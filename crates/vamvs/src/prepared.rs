@@ -5,6 +5,7 @@ use vamvs_core::Scene;
 
 /// A scene with its photographs, the method, and what will be done for each view;
 /// [`crate::Reconstruction::prepare`] makes it.
+#[derive(Debug)]
 pub struct Prepared {
     /// The cameras, and sparse points if there are any.
     pub scene: Scene,

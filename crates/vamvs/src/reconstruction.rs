@@ -32,6 +32,7 @@ use crate::{
 /// # Ok(())
 /// # }
 /// ```
+#[derive(Clone, Debug)]
 #[must_use]
 pub struct Reconstruction {
     scene: Scene,

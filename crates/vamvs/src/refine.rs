@@ -15,10 +15,11 @@ use crate::event::OnEvent;
 use crate::output::LeftOut;
 use crate::{Maps, MemoryLimit, OutputFolder, Photographs, VamvsError};
 
-pub use vamvs_refine::{RefineError, RefineOptions, Refined};
+pub use vamvs_refine::{RefineError, RefineOptions, Refined, Surface, peak_bytes, plane_sweep};
 pub use vamvs_refine::{refine as refine_view, refine_geometric as refine_view_geometric};
 
 /// What refinement works on.
+#[derive(Clone, Copy, Debug)]
 pub struct RefineJob<'a> {
     /// The depth maps to begin with.
     pub maps: &'a Maps,

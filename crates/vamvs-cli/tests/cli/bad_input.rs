@@ -4,6 +4,7 @@ use crate::scene::{Scene, content, error_of, expect_success, stderr, vamvs, writ
 use vamvs::core::{Grid, Size};
 use vamvs::io::colmap::Model;
 use vamvs::io::{image, mvsnet};
+use vamvs::output::Record;
 
 const QUICK: [&str; 4] = ["--iterations", "0", "--planes", "16"];
 
@@ -197,6 +198,41 @@ fn a_missing_photograph_of_a_colmap_model_costs_its_view_alone() {
 }
 
 #[test]
+fn other_views_take_the_place_of_missing_photographs() {
+    let scene = Scene::new(96, 64, 8);
+    let [cams, images, sparse] = ["cams", "images", "sparse/0"].map(|folder| scene.path(folder));
+    let loaded = mvsnet::read_scene(&cams, &images, None, &mvsnet::Options::default()).unwrap().scene;
+    std::fs::create_dir_all(&sparse).unwrap();
+    Model::from_scene(&loaded).write_text(&sparse).unwrap();
+    for name in ["0001.png", "0003.png", "0005.png"] {
+        std::fs::remove_file(images.join(name)).unwrap();
+    }
+    let mut run = vamvs();
+    run.arg("depth").arg("--colmap").arg(&scene.root).arg("--out").arg(scene.out()).args(QUICK);
+    let range = loaded.views[1].depth_range.unwrap();
+    run.arg("--depth-range").args([range.near, range.far].map(|depth| depth.to_string()));
+    expect_success(&run.output().unwrap());
+    for view in ["0000", "0002", "0004", "0006", "0007"] {
+        let record = std::fs::read(scene.out().join(format!("depths/{view}.json"))).unwrap();
+        let record: Record = serde_json::from_slice(&record).unwrap();
+        assert_eq!(record.sources.len(), 4, "{view}: {:?}", record.sources);
+    }
+}
+
+#[test]
+fn one_run_at_a_time_writes_to_a_folder() {
+    let scene = small();
+    expect_success(&scene.run("depth", &QUICK));
+    let mark = std::fs::File::open(scene.out().join(".vamvs")).unwrap();
+    mark.lock().unwrap();
+    let before = content(&scene.out());
+    assert!(scene.error("depth", &QUICK).contains("another run of vamvs writes to this folder"));
+    assert!(content(&scene.out()) == before);
+    mark.unlock().unwrap();
+    expect_success(&scene.run("depth", &QUICK));
+}
+
+#[test]
 fn output_that_cannot_be_written_is_named() {
     let scene = small();
     write(&scene.path("out"), "a file where the folder should be");
@@ -236,7 +272,11 @@ fn files_that_vamvs_has_not_written_stay() {
         "visibility/0000.png",
         "normals/0002.pfm",
         "fused.ply",
+        "run.toml",
     ] {
+        // Somebody's JSON is no record of vamvs.
+        std::fs::create_dir_all(mine.join("depths")).unwrap();
+        write(&mine.join("depths/camera.json"), "{}");
         std::fs::create_dir_all(mine.join(file).parent().unwrap()).unwrap();
         write(&mine.join(file), "of somebody");
         let before = content(&mine);
@@ -247,6 +287,15 @@ fn files_that_vamvs_has_not_written_stay() {
         assert!(content(&mine) == before);
         std::fs::remove_dir_all(&mine).unwrap();
     }
+    // Nor is a cloud written over what is none.
+    expect_success(&scene.run("depth", &QUICK));
+    let pairs = scene.out().join("pair.txt");
+    let before = std::fs::read(&pairs).unwrap();
+    let said = error_of(&vamvs().arg("fuse").arg(scene.out()).arg("--out").arg(&pairs).output().unwrap());
+    assert!(said.contains("pair.txt") && std::fs::read(&pairs).unwrap() == before, "{said}");
+    let report = scene.out().join("report.html");
+    write(&report, "<html>of somebody</html>");
+    assert!(error_of(&vamvs().arg("report").arg(scene.out()).output().unwrap()).contains("report.html"));
     // What is not in the way stays too, and does not hinder.
     std::fs::create_dir(&mine).unwrap();
     write(&mine.join("notes.txt"), "of somebody");
@@ -348,6 +397,16 @@ fn nonsense_on_the_command_line_is_refused() {
         let said = scene.error("depth", arguments);
         assert!(said.contains(expected), "{arguments:?}: {said}");
     }
+    for (arguments, expected) in [
+        (&["--depth-format", "png", "--png-step=-1"][..], "--png-step"),
+        (&["--neighbours", "0"], "--neighbours"),
+        (&["--min-brightness", "200", "--max-brightness", "10"], "leave no pixel"),
+    ] {
+        let said = scene.error("reconstruct", arguments);
+        assert!(said.contains(expected) && !scene.out().exists(), "{arguments:?}: {said}");
+    }
+    let tiny = ["--roi", "-1e-2", "-1.5e-05", "-1", "1e-2", "1", "1", "--config", "/nowhere/run.toml"];
+    assert!(scene.error("depth", &tiny).contains("/nowhere/run.toml"), "negative exponents are numbers");
     write(&scene.path("run.toml"), "[depth]\nveiws = 3\n");
     let said = scene.error("depth", &["--config", scene.path("run.toml").to_str().unwrap()]);
     assert!(said.contains("run.toml") && said.contains("veiws"), "{said}");

@@ -62,11 +62,11 @@ fn true_depth_maps_give_a_cloud_on_the_true_surface() {
 fn nothing_survives_absurdly_strict_filters_and_that_is_an_error_with_the_reasons() {
     let scene = Scene::new(96, 64, 3);
     let folder = true_maps(&scene);
-    write(&folder.cloud(), "an older cloud");
+    write(&folder.cloud(), "ply, an older cloud");
     let output = vamvs().arg("fuse").arg(folder.root()).args(["--min-views", "9"]).output().unwrap();
     let said = error_of(&output);
     assert!(said.contains("no point survived") && said.contains("inconsistent with other views"), "{said}");
-    assert_eq!(std::fs::read(folder.cloud()).unwrap(), b"an older cloud");
+    assert_eq!(std::fs::read(folder.cloud()).unwrap(), b"ply, an older cloud");
 }
 
 #[test]

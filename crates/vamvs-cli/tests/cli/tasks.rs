@@ -117,6 +117,11 @@ fn what_is_missing_or_damaged_is_named() {
     let tasks = tasks(&scene);
     let fails = |id: &str| error_of(&done(with_id(&tasks, id)));
     assert!(fails("collect").contains("part 1/2 of the geometric step is not done"));
+    assert!(fails("geometric-1-of-2").contains("part 1/2 of the photometric step is not done"));
+    // A part holds views that see the same surfaces, but some of their source views are in the other one.
+    expect_success(&done(with_id(&tasks, "photometric-1-of-2")));
+    assert!(fails("geometric-1-of-2").contains("part 2/2 of the photometric step is not done"));
+    assert!(!scene.out().join("parts/geometric-1-of-2.json").exists());
     for id in ["photometric-1-of-2", "photometric-2-of-2", "geometric-1-of-2", "geometric-2-of-2", "collect"]
     {
         expect_success(&done(with_id(&tasks, id)));
@@ -176,4 +181,6 @@ fn steps_want_their_part() {
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
         assert!(stderr(&output).contains(expected), "{}", stderr(&output));
     }
+    let said = scene.error("depth", &[&WEIGHTS[..], &["--step", "photometric", "--part", "1/3"]].concat());
+    assert!(said.contains("at most as many parts as the 2 views"), "{said}");
 }

@@ -77,15 +77,19 @@ impl<'a> Level<'a> {
     pub fn of(features: &'a Tensor) -> Result<Self, NetError> {
         let (_, channels, height, width) = features.size4()?;
         let [channels, height, width] = [channels, height, width].map(|side| side as usize);
-        Ok(Self { values: in_memory(&features.f_permute([0, 2, 3, 1])?)?, width, height, channels })
+        let laid_out = features.f_permute([0, 2, 3, 1])?;
+        let values: &[f32] = in_memory(&laid_out)?;
+        // SAFETY: the permuted tensor shares its storage with the features, which are borrowed for 'a.
+        let values: &'a [f32] = unsafe { std::slice::from_raw_parts(values.as_ptr(), values.len()) };
+        Ok(Self { values, width, height, channels })
     }
 }
 
-/// The values of a contiguous tensor of type `T` on the CPU. The caller keeps the tensor's memory alive for `'a`.
+/// The values of a contiguous tensor of type `T` on the CPU.
 ///
 /// # Errors
 /// If the tensor has another type, device or layout.
-pub(crate) fn in_memory<'a, T: Element>(tensor: &Tensor) -> Result<&'a [T], NetError> {
+pub(crate) fn in_memory<T: Element>(tensor: &Tensor) -> Result<&[T], NetError> {
     if tensor.kind() != T::KIND || tensor.device() != Device::Cpu || !tensor.is_contiguous() {
         return Err(NetError::Request(format!(
             "a native kernel was given a tensor that is not a contiguous {:?} tensor on the CPU",
@@ -95,13 +99,13 @@ pub(crate) fn in_memory<'a, T: Element>(tensor: &Tensor) -> Result<&'a [T], NetE
     if tensor.numel() == 0 {
         return Ok(&[]);
     }
-    // SAFETY: a contiguous tensor has `numel` values from `data_ptr` on. The caller keeps its storage alive for the
-    // lifetime, and nothing writes to it.
+    // SAFETY: a contiguous tensor has `numel` values from `data_ptr` on. They live as long as it does, and nothing writes to
+    // them meanwhile: tensors that share them are not written to in this crate's kernels.
     Ok(unsafe { std::slice::from_raw_parts(tensor.data_ptr().cast::<T>(), tensor.numel()) })
 }
 
 /// As [`in_memory`], mutable, for a tensor that was just created.
-pub(crate) fn in_memory_mut<'a>(tensor: &Tensor) -> Result<&'a mut [f32], NetError> {
+pub(crate) fn in_memory_mut(tensor: &mut Tensor) -> Result<&mut [f32], NetError> {
     let values = in_memory::<f32>(tensor)?;
     if values.is_empty() {
         return Ok(&mut []);

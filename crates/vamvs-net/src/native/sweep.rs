@@ -77,8 +77,8 @@ pub(crate) fn volume(
     let Level { width, height, .. } = swept.reference;
     let plane = height * width * swept.groups;
     let depths = swept.depths.len();
-    let volume = Tensor::f_empty([(depths * plane) as i64], (tch::Kind::Float, tch::Device::Cpu))?;
-    let values = in_memory_mut(&volume)?;
+    let mut volume = Tensor::f_empty([(depths * plane) as i64], (tch::Kind::Float, tch::Device::Cpu))?;
+    let values = in_memory_mut(&mut volume)?;
     let row = width * swept.groups;
     values.par_chunks_mut(row).enumerate().for_each(|(at, row)| {
         let (depth, y) = (swept.depths[at / height], at % height);

@@ -114,8 +114,8 @@ impl FlowStage<'_> {
         let reference = Tensor::f_from_slice(&reference)?
             .f_view([(pixel_grid.x.len() * pixel_grid.y.len()) as i64, -1])?;
         let correlated = reference.size()[1] / group as i64;
-        let rows = Tensor::f_empty([points.size()[1], correlated], (Kind::Float, tch::Device::Cpu))?;
-        fetch::correlations(&about, &sources, in_memory_mut(&rows)?, correlated as usize);
+        let mut rows = Tensor::f_empty([points.size()[1], correlated], (Kind::Float, tch::Device::Cpu))?;
+        fetch::correlations(&about, &sources, in_memory_mut(&mut rows)?, correlated as usize);
         self.joined_rows(&rows, &reference, points)
     }
 
@@ -178,8 +178,8 @@ impl FlowStage<'_> {
                 reduction: Reduction::of(aggregation),
                 aside: None,
             };
-            let related = rows(mlp.outputs() as i64)?;
-            pairs::related(&pairs, &sources, in_memory_mut(&related)?, &mut []);
+            let mut related = rows(mlp.outputs() as i64)?;
+            pairs::related(&pairs, &sources, in_memory_mut(&mut related)?, &mut []);
             return Ok(related);
         }
         let grid = pixel_grid.grid(self.reference, tch::Device::Cpu)?;
@@ -187,9 +187,9 @@ impl FlowStage<'_> {
             self.visibility.iter().take(sources.len()).map(|mask| self.mask(mask, &grid)?.f_contiguous());
         let masks: Vec<Tensor> = masks.collect::<Result<_, TchError>>()?;
         let masks: Vec<&[f32]> = masks.iter().map(in_memory).collect::<Result<_, _>>()?;
-        let fetched = rows(channels)?;
+        let mut fetched = rows(channels)?;
         let views = Views { points, reference: &reference, sources: &sources, masks: &masks, aggregation };
-        views::reduced(&views, in_memory_mut(&fetched)?);
+        views::reduced(&views, in_memory_mut(&mut fetched)?);
         Ok(fetched)
     }
 

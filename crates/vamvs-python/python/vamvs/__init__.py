@@ -20,7 +20,18 @@ import os
 import sys
 from pathlib import Path
 
-__all__ = ["Cloud", "DepthMap", "DepthMaps", "Error", "Reconstructed", "Scene", "__version__", "fuse", "reconstruct"]
+__all__ = [
+    "Cancelled",
+    "Cloud",
+    "DepthMap",
+    "DepthMaps",
+    "Error",
+    "Reconstructed",
+    "Scene",
+    "__version__",
+    "fuse",
+    "reconstruct",
+]
 
 # Libraries of the torch package that the extension needs, in the order of loading.
 _LIBRARIES = ("libc10.so", "libtorch_cpu.so")

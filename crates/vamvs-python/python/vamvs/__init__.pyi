@@ -15,6 +15,9 @@ __version__: str
 class Error(Exception):
     """What went wrong, with the file, line or field, what was expected and what was found."""
 
+class Cancelled(Error):
+    """on_event ended the work."""
+
 class Scene:
     """Views with known cameras, and where their photographs are."""
 
@@ -57,6 +60,8 @@ class DepthMaps(Iterator[DepthMap]):
     def __next__(self) -> DepthMap: ...
 
 class DepthMap:
+    """A depth map. Each access to an array gives a new copy of it: keep it to change it."""
+
     name: str
     depth: npt.NDArray[np.float32]
     """(H, W), scene units along the optical axis; 0 = none."""

@@ -211,18 +211,23 @@ impl DepthScene {
         if let Some(view) = self.views.iter().find(|view| view.plane.is_none()) {
             refuse_planes(thresholds, &self.prediction.names()[view.predicted])?;
         }
-        let samples: Vec<_> =
-            (0..self.views.len()).into_par_iter().map(|view| self.samples(view)).collect::<Result<_, _>>()?;
         let (mut total, mut reliability) = (DepthSamples::default(), Reliability::default());
-        for (of_view, reliable) in &samples {
-            total.append(of_view);
-            reliability.append(reliable);
+        let mut views = Vec::with_capacity(self.views.len());
+        // As many views at once as there are threads, so that their pixels are not in memory twice.
+        let all: Vec<usize> = (0..self.views.len()).collect();
+        for part in all.chunks(rayon::current_num_threads().max(1)) {
+            let measured = |&view: &usize| {
+                let (samples, reliable) = self.samples(view)?;
+                let view = self.name(view).to_owned();
+                Ok((ViewErrors { view, regions: regions(&samples, thresholds) }, samples, reliable))
+            };
+            let part: Vec<_> = part.par_iter().map(measured).collect::<Result<_, VamvsError>>()?;
+            for (errors, samples, reliable) in part {
+                views.push(errors);
+                total.append(&samples);
+                reliability.append(&reliable);
+            }
         }
-        let view = |(view, (samples, _)): (usize, &(DepthSamples, Reliability))| ViewErrors {
-            view: self.name(view).to_owned(),
-            regions: regions(samples, thresholds),
-        };
-        let views = samples.iter().enumerate().map(view).collect();
         Ok(SceneErrors { views, total: regions(&total, thresholds), reliability })
     }
 
@@ -283,8 +288,10 @@ impl DepthScene {
         if !path.is_file() {
             return Ok(None);
         }
-        let tiles = visibility::read(&path, size, self.ground_truth.len())?;
-        let sources = &self.views[view].sources;
+        // Of all views of the scene, also those without a depth map.
+        let tiles = visibility::read(&path, size, self.ground_truth.views_of_scene())?;
+        let sources: Vec<usize> =
+            self.views[view].sources.iter().map(|&source| self.ground_truth.place_in_scene(source)).collect();
         let at = |x, y| seen_by_all(sources.iter().map(|&source| tiles[source][(x, y)]));
         Ok(Some(Grid::from_fn(size, at)))
     }

@@ -40,6 +40,8 @@ pub struct Maps {
     files: Vec<MapFiles>,
     masks: Masks,
     left_out: Vec<LeftOut>,
+    /// The views' places among all views of the folder's scene, and the number of these.
+    places: (Vec<usize>, usize),
 }
 
 /// The files of one view.
@@ -81,6 +83,7 @@ impl Maps {
         let files: Vec<Option<MapFiles>> = layout.files(&loaded.scene.views);
         let kept: Vec<usize> = (0..files.len()).filter(|&view| files[view].is_some()).collect();
         let (missing, scene) = (files.len() - kept.len(), only(&loaded.scene, &kept));
+        let all = files.len();
         if missing > 0 {
             let text = format!("{missing} view(s) have a camera but no depth map and are left out");
             tell(on_event, Event::Warning(text))?;
@@ -95,6 +98,7 @@ impl Maps {
             scene,
             masks,
             left_out: Vec::new(),
+            places: (kept, all),
         })
     }
 
@@ -117,6 +121,7 @@ impl Maps {
         self.cameras = kept.iter().map(|&view| self.cameras[view]).collect();
         self.names = kept.iter().map(|&view| self.names[view].clone()).collect();
         self.files = kept.iter().map(|&view| self.files[view].clone()).collect();
+        self.places.0 = kept.iter().map(|&view| self.places.0[view]).collect();
         Ok(Self { left_out, ..self })
     }
 
@@ -126,6 +131,16 @@ impl Maps {
         let largest = self.cameras.iter().map(|camera| camera.size.area()).max().unwrap_or(1);
         let fitting = limit.remaining() / (bytes_per_pixel * largest.max(1) as u64);
         usize::try_from(fitting).unwrap_or(usize::MAX).clamp(1, rayon::current_num_threads())
+    }
+
+    /// A view's place among all views of the folder's scene, with those that have no depth map.
+    pub(crate) fn place_in_scene(&self, view: usize) -> usize {
+        self.places.0[view]
+    }
+
+    /// The number of views of the folder's scene, with those that have no depth map.
+    pub(crate) fn views_of_scene(&self) -> usize {
+        self.places.1
     }
 
     /// The views that [`Maps::readable`] left out.

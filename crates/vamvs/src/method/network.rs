@@ -79,13 +79,14 @@ impl NetworkMethod {
         self.estimator.network().manifest().plane_step
     }
 
-    /// The module's hash and the options of the estimator. Slabs and strips limit the memory and do not change the
+    /// The module's hash, the options of the estimator, and whether a GPU runs it, whose sums are other ones. Slabs and strips limit the memory and do not change the
     /// result.
     pub(super) fn identity(&self) -> String {
         let coarse_stride = self.estimator.network().manifest().coarse_stride;
         let EstimatorOptions { iterations, completion, guide, slab_bytes: _, strip_points: _ } =
             self.estimator.options();
-        format!("{} {coarse_stride} {iterations:?} {completion:?} {guide:?}", self.module)
+        let gpu = if self.device() == Device::Cpu { "" } else { " on a GPU" };
+        format!("{} {coarse_stride} {iterations:?} {completion:?} {guide:?}{gpu}", self.module)
     }
 
     pub(super) fn confidence(&self) -> ConfidenceKind {

@@ -27,7 +27,7 @@ pub struct Record {
 /// The content of a photograph and its mask.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotographRecord {
-    /// The sizes and times of last change of the files. As long as they are the same, the content is taken to be the same
+    /// The paths, sizes and times of last change of the files. As long as they are the same, the content is taken to be the same
     /// too and is not read to be compared.
     pub stamp: String,
     /// The hash of the content, 64 hexadecimal digits.
