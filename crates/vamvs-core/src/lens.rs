@@ -373,6 +373,8 @@ mod tests {
 
     fn assert_inverts(lens: Lens, x: &Vector2<f64>) -> Result<(), TestCaseError> {
         let Some((distorted, jacobian)) = lens.distort_with_jacobian(x) else { return Ok(()) };
+        // Near a pole of the rational model rounding decides.
+        prop_assume!(distorted.norm() < 100.0);
         let back = lens.undistort(&distorted);
         prop_assert!(back.is_some(), "{distorted:?} has an undistorted point");
         let least_stretch = jacobian.singular_values().min();
