@@ -67,7 +67,9 @@ impl Lock {
     }
 
     fn of(folder: &Path, lock: fn(&File) -> Result<(), TryLockError>) -> Result<Self, VamvsError> {
-        let Ok(mark) = File::open(folder.join(MARK)) else { return Ok(Self(None)) };
+        // Network file systems want a file that can be written, for a lock of one process alone.
+        let mark = File::options().read(true).write(true).open(folder.join(MARK));
+        let Ok(mark) = mark else { return Ok(Self(None)) };
         match lock(&mark) {
             Ok(()) => Ok(Self(Some(mark))),
             Err(TryLockError::Error(_)) => Ok(Self(None)),

@@ -78,21 +78,18 @@ struct Graph<'a> {
 impl Graph<'_> {
     /// All tasks, each after those it depends on.
     fn tasks(&self) -> Result<Vec<Task>> {
-        let views: Vec<BTreeSet<usize>> =
-            Part::all(self.parts).map(|part| self.work.views_of(part)).collect::<Result<_, _>>()?;
-        let part_of: BTreeMap<usize, usize> = views
+        let parts = self.work.parts(self.parts)?;
+        let part_of: BTreeMap<usize, usize> = parts
             .iter()
             .enumerate()
-            .flat_map(|(part, views)| views.iter().map(move |&view| (view, part)))
+            .flat_map(|(index, (_, views))| views.iter().map(move |&view| (view, index)))
             .collect();
         let mut tasks = Vec::new();
-        for (part, own) in Part::all(self.parts).zip(&views) {
-            tasks.push(self.photometric(part, own));
-        }
+        tasks.extend(parts.iter().map(|(part, own)| self.photometric(*part, own)));
         if self.work.steps().contains(&DepthStep::Geometric) {
-            for (part, own) in Part::all(self.parts).zip(&views) {
+            for (part, own) in &parts {
                 let needed = self.with_sources(own).iter().map(|view| part_of[view]).collect();
-                tasks.push(self.geometric(part, &needed));
+                tasks.push(self.geometric(*part, &needed));
             }
         }
         tasks.push(self.collect());

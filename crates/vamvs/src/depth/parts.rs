@@ -149,15 +149,29 @@ impl Prepared {
     /// # Errors
     /// If there are more parts than views, or the plan names a source view that does not exist.
     pub fn views_of(&self, part: Part) -> Result<BTreeSet<usize>, VamvsError> {
+        let schedule = self.schedule(part.count())?;
+        Ok(schedule.confirmed_in(part).iter().copied().collect())
+    }
+
+    /// The parts with the views of each.
+    ///
+    /// # Errors
+    /// As [`Prepared::views_of`].
+    pub fn parts(&self, count: usize) -> Result<Vec<(Part, BTreeSet<usize>)>, VamvsError> {
+        let schedule = self.schedule(count)?;
+        let views = |part: Part| (part, schedule.confirmed_in(part).iter().copied().collect());
+        Ok(Part::all(count).map(views).collect())
+    }
+
+    /// The order of the views, of which a part takes consecutive ones.
+    fn schedule(&self, parts: usize) -> Result<Schedule, VamvsError> {
         let plans = &self.plan.views;
-        if part.count() > plans.len() {
-            let problem =
-                format!("expected at most as many parts as the {} views, got part {part}", plans.len());
+        if parts > plans.len() {
+            let problem = format!("expected at most as many parts as the {} views, got {parts}", plans.len());
             return Err(VamvsError::Request(problem));
         }
         let sources = plans.iter().map(|plan| plan.as_ref().map_or(Vec::new(), |plan| plan.sources.clone()));
-        let schedule = Schedule::new(&sources.collect::<Vec<_>>(), plans.len())?;
-        Ok(schedule.confirmed_in(part).iter().copied().collect())
+        Ok(Schedule::new(&sources.collect::<Vec<_>>(), plans.len())?)
     }
 }
 
@@ -203,8 +217,10 @@ impl Run<'_> {
             self.work.plan.views[*view].is_ok() && self.first.saved(&self.names[*view]).is_none()
         };
         let missing: BTreeSet<usize> = needed.iter().copied().filter(is_missing).collect();
-        for part in Part::all(part.count()) {
-            let views = self.work.views_of(part)?;
+        if missing.is_empty() {
+            return Ok(missing);
+        }
+        for (part, views) in self.work.parts(part.count())? {
             let mut expected = views.intersection(&missing).peekable();
             if expected.peek().is_none() {
                 continue;
