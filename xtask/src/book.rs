@@ -15,9 +15,10 @@ use crate::{cargo, setup};
 const MDBOOK: &str = "0.5.4";
 
 /// Documents outside `docs/`, and files that documents link to. All of `docs/` is in the book too.
-const DOCUMENTS: [&str; 18] = [
+const DOCUMENTS: [&str; 19] = [
     "README.md",
     "ARCHITECTURE.md",
+    "CITATION.cff",
     "CHANGELOG.md",
     "CONTRIBUTING.md",
     "CONVENTIONS.md",
