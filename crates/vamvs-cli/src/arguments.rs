@@ -214,7 +214,7 @@ pub struct ReportArguments {
     /// Folder of depth maps, as for `vamvs fuse`.
     #[arg(value_name = "OUT")]
     pub out: PathBuf,
-    /// Print nothing but the path of the result, errors and warnings.
+    /// Print nothing but results, errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
 }
@@ -379,7 +379,7 @@ pub struct CommonFlags {
     /// Treat a view that is left out as an error (exit code 1).
     #[arg(long)]
     pub strict: bool,
-    /// Print nothing but the path of the result, errors and warnings.
+    /// Print nothing but results, errors and warnings.
     #[arg(short, long)]
     pub quiet: bool,
     /// Print the source views, depth range and planes of each view, and all times.

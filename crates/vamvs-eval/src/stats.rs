@@ -18,15 +18,18 @@ pub struct Spread {
 impl Spread {
     /// The spread of values, which may be in any order.
     #[must_use]
-    pub fn of(mut values: Vec<f64>) -> Self {
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        Self { count: values.len(), mean, median: median(&mut values, f64::total_cmp) }
+    pub fn of(values: Vec<f64>) -> Self {
+        Self::in_order(values, f64::total_cmp)
     }
 
     /// As [`Spread::of`], of values in single precision, which take half the memory; sums are in double precision.
-    pub(crate) fn of_singles(mut values: Vec<f32>) -> Self {
-        let mean = values.iter().copied().map(f64::from).sum::<f64>() / values.len() as f64;
-        Self { count: values.len(), mean, median: median(&mut values, f32::total_cmp) }
+    pub(crate) fn of_singles(values: Vec<f32>) -> Self {
+        Self::in_order(values, f32::total_cmp)
+    }
+
+    fn in_order<T: Copy + Into<f64>>(mut values: Vec<T>, compare: fn(&T, &T) -> Ordering) -> Self {
+        let mean = values.iter().copied().map(Into::into).sum::<f64>() / values.len() as f64;
+        Self { count: values.len(), mean, median: median(&mut values, compare) }
     }
 }
 

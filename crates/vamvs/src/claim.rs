@@ -24,9 +24,7 @@ pub(crate) fn claim(folder: &Path, files: impl IntoIterator<Item = PathBuf>) -> 
         return Ok(());
     }
     if let Some(path) = files.into_iter().find(|file| file.symlink_metadata().is_ok()) {
-        let problem =
-            "was not written by vamvs and would be overwritten: choose another --out, or move it away";
-        return Err(VamvsError::Folder { path, problem: problem.to_owned() });
+        return Err(not_own(&path));
     }
     make_folder(folder)?;
     Ok(atomic::write(&folder.join(MARK), |out| writeln!(out, "{TEXT}"))?)
@@ -42,8 +40,12 @@ pub(crate) fn expect_same_kind(file: &Path, is_same_kind: impl Fn(&[u8]) -> bool
     if read.is_err() || begin.is_empty() || is_same_kind(&begin) {
         return Ok(());
     }
+    Err(not_own(file))
+}
+
+fn not_own(file: &Path) -> VamvsError {
     let problem = "was not written by vamvs and would be overwritten: choose another --out, or move it away";
-    Err(VamvsError::Folder { path: file.to_owned(), problem: problem.to_owned() })
+    VamvsError::Folder { path: file.to_owned(), problem: problem.to_owned() }
 }
 
 /// Whether vamvs has marked the folder.

@@ -449,7 +449,8 @@ pub(crate) fn folder_of(file: &Path) -> &Path {
 }
 
 /// Whether both paths exist and lead to the same file or folder.
-pub(crate) fn is_same(a: &Path, b: &Path) -> bool {
+#[must_use]
+pub fn is_same(a: &Path, b: &Path) -> bool {
     a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
 }
 

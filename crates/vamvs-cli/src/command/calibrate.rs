@@ -8,6 +8,7 @@ use serde_json::json;
 use vamvs::core::View;
 use vamvs::io::image;
 use vamvs::net::{Estimator, EstimatorOptions, Network, open_device};
+use vamvs::output::is_same;
 use vamvs::{DepthOptions, PhotoSource, Picture, Reconstruction};
 use vamvs_picture::{Chart, Curve, Page};
 use vamvs_train::dataset::TrainingScene;
@@ -122,11 +123,6 @@ fn tell(calibrations: &[(&str, Calibration)], arguments: &CalibrateArguments) {
         say!("mean calibration error of the confidence: {off_before:.1} % before, {off_after:.1} % after\n");
     }
     say!("{}", arguments.out.display());
-}
-
-/// Whether both paths exist and lead to the same file.
-fn is_same(a: &Path, b: &Path) -> bool {
-    a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
 }
 
 fn draw(calibrations: &[(&str, Calibration)], path: &Path) -> Result<()> {

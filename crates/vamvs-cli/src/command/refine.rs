@@ -6,6 +6,7 @@ use anyhow::{Result, bail};
 use serde_json::json;
 use vamvs::core::Scene;
 use vamvs::io::masks::Masks;
+use vamvs::output::is_same;
 use vamvs::refine::{RefineJob, RefineOptions, RefineSummary, refine};
 use vamvs::{Maps, OutputFolder, Photographs};
 
@@ -28,7 +29,7 @@ pub fn run(arguments: &RefineArguments) -> Result<()> {
     }
     let given = Photographed::new(arguments, &settings, &maps, &progress)?;
     let output = OutputFolder::new(&out(arguments, &maps));
-    if settings.input.given().chain([maps.root()]).any(|input| same(input, output.root())) {
+    if settings.input.given().chain([maps.root()]).any(|input| is_same(input, output.root())) {
         bail!("--out {}: is an input, choose another folder", output.root().display());
     }
     let views = arguments.views.unwrap_or(settings.depth.views);
@@ -91,10 +92,6 @@ impl Photographed {
 
 fn out(arguments: &RefineArguments, maps: &Maps) -> PathBuf {
     arguments.out.clone().unwrap_or_else(|| maps.root().join("refined"))
-}
-
-fn same(a: &std::path::Path, b: &std::path::Path) -> bool {
-    a.canonicalize().ok().zip(b.canonicalize().ok()).is_some_and(|(a, b)| a == b)
 }
 
 fn say(summary: &RefineSummary, progress: &Progress) {

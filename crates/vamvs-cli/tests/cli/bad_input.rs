@@ -2,8 +2,7 @@
 
 use crate::scene::{Scene, content, error_of, expect_success, stderr, vamvs, write};
 use vamvs::core::{Grid, Size};
-use vamvs::io::colmap::Model;
-use vamvs::io::{image, mvsnet};
+use vamvs::io::image;
 use vamvs::output::Record;
 
 const QUICK: [&str; 4] = ["--iterations", "0", "--planes", "16"];
@@ -168,10 +167,7 @@ fn truncated_and_boastful_colmap_models_are_named() {
 #[test]
 fn a_missing_photograph_of_a_colmap_model_costs_its_view_alone() {
     let scene = Scene::new(96, 64, 4);
-    let [cams, images, sparse] = ["cams", "images", "sparse/0"].map(|folder| scene.path(folder));
-    let loaded = mvsnet::read_scene(&cams, &images, None, &mvsnet::Options::default()).unwrap().scene;
-    std::fs::create_dir_all(&sparse).unwrap();
-    Model::from_scene(&loaded).write_text(&sparse).unwrap();
+    let (images, loaded) = (scene.path("images"), scene.write_colmap("sparse/0"));
     std::fs::remove_file(images.join("0002.png")).unwrap();
     let range = loaded.views[1].depth_range.unwrap();
     let depth = |more: &[&str]| {
@@ -200,10 +196,7 @@ fn a_missing_photograph_of_a_colmap_model_costs_its_view_alone() {
 #[test]
 fn other_views_take_the_place_of_missing_photographs() {
     let scene = Scene::new(96, 64, 8);
-    let [cams, images, sparse] = ["cams", "images", "sparse/0"].map(|folder| scene.path(folder));
-    let loaded = mvsnet::read_scene(&cams, &images, None, &mvsnet::Options::default()).unwrap().scene;
-    std::fs::create_dir_all(&sparse).unwrap();
-    Model::from_scene(&loaded).write_text(&sparse).unwrap();
+    let (images, loaded) = (scene.path("images"), scene.write_colmap("sparse/0"));
     for name in ["0001.png", "0003.png", "0005.png"] {
         std::fs::remove_file(images.join(name)).unwrap();
     }

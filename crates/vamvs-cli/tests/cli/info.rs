@@ -4,8 +4,7 @@ use std::path::Path;
 
 use serde_json::Value;
 use vamvs::core::{CloudPoint, Grid, Size};
-use vamvs::io::colmap::Model;
-use vamvs::io::{mvsnet, pfm, ply};
+use vamvs::io::{pfm, ply};
 
 use crate::fuse::true_maps;
 use crate::scene::{Scene, error_of, expect_success, vamvs};
@@ -22,10 +21,8 @@ fn folders_are_told_apart() {
     let facts = info(&scene.root);
     assert!(facts["kind"].as_str().unwrap().contains("MVSNet"), "{facts}");
     assert_eq!((facts["views"].as_u64(), facts["size"].as_str()), (Some(3), Some("64×48")));
-    let [cams, images, model] = ["cams", "images", "model/sparse/0"].map(|folder| scene.path(folder));
-    let loaded = mvsnet::read_scene(&cams, &images, None, &mvsnet::Options::default()).unwrap().scene;
-    std::fs::create_dir_all(&model).unwrap();
-    Model::from_scene(&loaded).write_text(&model).unwrap();
+    let [images, model] = ["images", "model/sparse/0"].map(|folder| scene.path(folder));
+    scene.write_colmap("model/sparse/0");
     for folder in [&model, &scene.path("model")] {
         let facts = info(folder);
         assert_eq!((facts["kind"].as_str(), facts["images"].as_u64()), (Some("COLMAP model"), Some(3)));

@@ -5,6 +5,8 @@ use std::process::{Command, Output};
 
 use tempfile::TempDir;
 use vamvs::core::Grid;
+use vamvs::io::colmap::Model;
+use vamvs::io::mvsnet;
 use vamvs_tests::{Rendered, fixtures, folder};
 
 /// A scene in a folder of its own, whose name has a space and letters beyond ASCII.
@@ -43,6 +45,15 @@ impl Scene {
         run.arg(command).arg("--cams").arg(self.path("cams")).arg("--images").arg(self.path("images"));
         run.arg("--out").arg(out).args(arguments);
         run
+    }
+
+    /// Writes the scene as a COLMAP model to a folder; gives it as it was read from the camera files.
+    pub fn write_colmap(&self, model: &str) -> vamvs::core::Scene {
+        let (cams, images) = (self.path("cams"), self.path("images"));
+        let loaded = mvsnet::read_scene(&cams, &images, None, &mvsnet::Options::default()).unwrap().scene;
+        std::fs::create_dir_all(self.path(model)).unwrap();
+        Model::from_scene(&loaded).write_text(&self.path(model)).unwrap();
+        loaded
     }
 
     pub fn run(&self, command: &str, arguments: &[&str]) -> Output {
