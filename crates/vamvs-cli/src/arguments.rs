@@ -253,7 +253,7 @@ pub struct InfoArguments {
 pub struct DepthFlags {
     #[cfg_attr(
         feature = "net",
-        doc = "The network: vis-corr (light), vis-max (the paper's aggregation, for four times the time) or photometric"
+        doc = "The network: vis-corr (light), vis-max (the paper's aggregation, for six times the time) or photometric"
     )]
     #[cfg_attr(
         feature = "net",
