@@ -20,10 +20,39 @@ pub(crate) struct SeenView {
 pub(crate) struct Look {
     /// Normal in the world's frame; none where there is no depth.
     pub normal: PackedNormal,
-    pub colour: Rgb,
-    /// Whether the whole 5×5 window lies on one surface. If not, the colour may be that of what is
-    /// beside it.
-    pub inner: bool,
+    pub paint: Paint,
+}
+
+/// A colour, and whether the whole 5×5 window around the pixel lies on one surface. If not, the colour may be that of what
+/// is beside it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Paint(u32);
+
+/// The bit of pixels that are not at an edge.
+const INNER: u32 = 1 << 24;
+
+impl Paint {
+    /// The colour of a pixel at an edge.
+    pub fn at_edge([red, green, blue]: Rgb) -> Self {
+        Self(u32::from_le_bytes([red, green, blue, 0]))
+    }
+
+    /// The same away from edges.
+    pub fn inner(self) -> Self {
+        Self(self.0 | INNER)
+    }
+
+    /// Red, green and blue.
+    #[inline(always)]
+    pub fn colour(self) -> [f32; 3] {
+        let of = self.0 as i32;
+        [(of & 255) as f32, (of >> 8 & 255) as f32, (of >> 16 & 255) as f32]
+    }
+
+    #[inline(always)]
+    pub fn is_inner(self) -> bool {
+        self.0 & INNER != 0
+    }
 }
 
 impl SeenView {
@@ -45,7 +74,7 @@ impl SeenView {
         ];
         expect_sizes(view, size, &parts)?;
         let normal = |pixel| normals.as_ref().map_or(PackedNormal::NONE, |normals| normals.data()[pixel]);
-        let look = |(pixel, &colour)| Look { normal: normal(pixel), colour, inner: false };
+        let look = |(pixel, &colour)| Look { normal: normal(pixel), paint: Paint::at_edge(colour) };
         let look = Grid::from_vec(size, colours.data().iter().enumerate().map(look).collect());
         let mut seen = Self { filtered, look };
         seen.complete();
@@ -70,7 +99,9 @@ impl SeenView {
                     look.normal = PackedNormal::NONE;
                     continue;
                 }
-                look.inner = fit.inner;
+                if fit.inner {
+                    look.paint = look.paint.inner();
+                }
                 if look.normal == PackedNormal::NONE {
                     look.normal = derived;
                 }

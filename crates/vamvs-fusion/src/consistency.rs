@@ -15,10 +15,12 @@
     reason = "one lane of many arrays at a time, as the compiler turns into vectors"
 )]
 
+use crate::candidates::{Candidates, Lanewise, gather};
 use crate::lanes::{LANES, Lanes, bits};
 use crate::pair::Pair;
 use crate::photometric::FilteredView;
 use crate::round_trip::{Answers, Strip, ask};
+use crate::sample::Sample;
 use crate::wide::widened;
 use crate::{Consistency, FuseOptions};
 
@@ -43,8 +45,11 @@ pub(crate) struct Rule<'a> {
     votes: Votes,
 }
 
-/// What the views asked so far answered for the pixels of a strip.
+/// What the views asked so far answered for some pixels.
+#[derive(Clone, Debug)]
 struct Tally {
+    /// The votes that each pixel needs.
+    needed: Lanes,
     /// Views that agree.
     views: Lanes,
     /// Votes for the pixel.
@@ -53,26 +58,56 @@ struct Tally {
     against: Lanes,
 }
 
+impl Lanewise for Tally {
+    type Lane = [f32; 4];
+
+    fn lane(&self, lane: usize) -> [f32; 4] {
+        [self.needed[lane], self.views[lane], self.support[lane], self.against[lane]]
+    }
+
+    fn set_lane(&mut self, lane: usize, [needed, views, support, against]: [f32; 4]) {
+        (self.needed[lane], self.views[lane]) = (needed, views);
+        (self.support[lane], self.against[lane]) = (support, against);
+    }
+}
+
 impl<'a> Rule<'a> {
     pub fn new(reference: &'a FilteredView, pairs: &'a [Pair<'a>], options: &'a FuseOptions) -> Self {
         Self { reference, pairs, options, votes: Votes::of(options) }
     }
 
-    /// The confirmed pixels of a strip that begins at pixel `first` of row `y`, one bit each.
-    pub fn confirmed(&self, strip: &Strip, (first, y): (usize, usize)) -> u64 {
-        let asked = bits(&strip.inverse_depth.map(|w| w > 0.0));
-        let needed = self.needed(first, y);
-        let mut tally = Tally { views: [0.0; LANES], support: [0.0; LANES], against: [0.0; LANES] };
+    /// Sets the bits of the pixels of row `y` that are confirmed; `strips` are all strips of the row.
+    pub fn confirm(&self, strips: &[Strip], y: usize, confirmed: &mut [u64]) {
+        let candidates = |(number, strip): (usize, &Strip)| {
+            let needed = self.needed(number * LANES, y);
+            let more = Tally { needed, views: [0.0; LANES], support: [0.0; LANES], against: [0.0; LANES] };
+            Candidates { open: bits(&strip.inverse_depth.map(|w| w > 0.0)), strip: strip.clone(), more }
+        };
+        let mut all: Vec<Candidates<Tally>> = strips.iter().enumerate().map(candidates).collect();
         let mut answers = Answers::new();
         for (done, pair) in self.pairs.iter().enumerate() {
-            let open = asked & !self.decided(&tally, &needed, self.pairs.len() - done);
-            if open == 0 {
-                break;
+            self.decide(&mut all, self.pairs.len() - done, confirmed);
+            gather(&mut all);
+            for Candidates { strip, more: tally, open } in &mut all {
+                ask(pair, strip, *open, &mut answers);
+                count(&answers, CLEARLY_BEHIND * self.options.max_relative_depth, tally);
             }
-            ask(pair, strip, open, &mut answers);
-            count(&answers, CLEARLY_BEHIND * self.options.max_relative_depth, &mut tally);
         }
-        asked & self.accepted(&tally, &needed)
+        self.decide(&mut all, 0, confirmed);
+    }
+
+    /// Decides about the candidates whose outcome the remaining `rest` views cannot change, even if all of them agree
+    /// exactly or all of them see through the point, and sets the bits of those that are confirmed.
+    fn decide(&self, all: &mut [Candidates<Tally>], rest: usize, confirmed: &mut [u64]) {
+        for candidates in all {
+            let (mut at_best, mut at_worst) = ([false; LANES], [false; LANES]);
+            foresee(&self.votes, &candidates.more, rest, [&mut at_best, &mut at_worst]);
+            let (at_best, at_worst) = (bits(&at_best), bits(&at_worst));
+            for x in candidates.columns(candidates.open & at_worst) {
+                confirmed[x / LANES] |= 1 << (x % LANES);
+            }
+            candidates.open &= at_best & !at_worst;
+        }
     }
 
     /// The votes that each pixel needs: the less confident the pixel, the more, and many at an edge,
@@ -80,7 +115,7 @@ impl<'a> Rule<'a> {
     fn needed(&self, first: usize, y: usize) -> Lanes {
         let mut needed = [f32::INFINITY; LANES];
         let own = &self.reference.samples.row(y)[first..];
-        let factor = |[_, own]: &[f32; 2]| self.options.min_support / own.sqrt();
+        let factor = |own: &Sample| self.options.min_support / own.confidence().sqrt();
         needed.iter_mut().zip(own).for_each(|(needed, own)| *needed = factor(own));
         for (needed, is_edge) in needed.iter_mut().zip(self.edges(first, y)) {
             *needed *= if is_edge { AT_EDGE } else { 1.0 };
@@ -105,23 +140,6 @@ impl<'a> Rule<'a> {
             }
         }
         edges
-    }
-
-    /// The pixels whose outcome the remaining `rest` views cannot change, even if all of them
-    /// agree exactly or all of them see through the point.
-    fn decided(&self, tally: &Tally, needed: &Lanes, rest: usize) -> u64 {
-        let mut decided = [false; LANES];
-        mark_decided(&self.votes, tally, needed, rest, &mut decided);
-        bits(&decided)
-    }
-
-    fn accepted(&self, tally: &Tally, needed: &Lanes) -> u64 {
-        let mut accepted = [false; LANES];
-        for lane in 0..LANES {
-            let (agree, support, against) = (tally.views[lane], tally.support[lane], tally.against[lane]);
-            accepted[lane] = self.votes.accept(agree, support, against, needed[lane]);
-        }
-        bits(&accepted)
     }
 }
 
@@ -151,29 +169,29 @@ impl Votes {
 }
 
 widened! {
-    /// Marks the pixels whose outcome the remaining `rest` views cannot change.
-    fn mark_decided(votes: &Votes, tally: &Tally, needed: &Lanes, rest: usize, decided: &mut Lanes<bool>) = mark_decided_any;
+    /// Marks the pixels that are confirmed if the remaining `rest` views agree exactly, and those that are if all of these see
+    /// through the point.
+    fn foresee(votes: &Votes, tally: &Tally, rest: usize, outcomes: [&mut Lanes<bool>; 2]) = foresee_any;
 }
 
 #[inline(always)]
-fn mark_decided_any(votes: &Votes, tally: &Tally, needed: &Lanes, rest: usize, decided: &mut Lanes<bool>) {
+fn foresee_any(votes: &Votes, tally: &Tally, rest: usize, [at_best, at_worst]: [&mut Lanes<bool>; 2]) {
     // Sums of votes are rounded.
     let (views, most) = (rest as f32, 1.001 * rest as f32);
     for lane in 0..LANES {
         let (agree, support, against) = (tally.views[lane], tally.support[lane], tally.against[lane]);
-        let at_best = votes.accept(agree + views, support + most, against, needed[lane]);
-        let at_worst = votes.accept(agree, support, against + most, needed[lane]);
-        decided[lane] = !at_best | at_worst;
+        at_best[lane] = votes.accept(agree + views, support + most, against, tally.needed[lane]);
+        at_worst[lane] = votes.accept(agree, support, against + most, tally.needed[lane]);
     }
 }
 
 /// The inverse depths of a strip's pixels of a row, `shift` pixels to the right; 0 outside of the image.
-fn inverse_depths(row: &[[f32; 2]], first: usize, shift: isize) -> Lanes {
+fn inverse_depths(row: &[Sample], first: usize, shift: isize) -> Lanes {
     let mut found = [0.0; LANES];
     let begin = first as isize + shift;
     let outside = usize::try_from(-begin).unwrap_or(0);
     let inside = row.get((begin + outside as isize) as usize..).unwrap_or(&[]);
-    found[outside..].iter_mut().zip(inside).for_each(|(found, [w, _])| *found = *w);
+    found[outside..].iter_mut().zip(inside).for_each(|(found, sample)| *found = sample.inverse_depth());
     found
 }
 
@@ -198,12 +216,13 @@ widened! {
 #[inline(always)]
 fn count_any(answers: &Answers, margin: f32, tally: &mut Tally) {
     for lane in 0..LANES {
-        let (error, angle) = (answers.error[lane], answers.parallax[lane] / FULL_PARALLAX);
-        let (angle, sure) = (at_most_1(angle), at_most_1(answers.confidence[lane]).sqrt());
+        let (error, angle) = (answers.error[lane], answers.parallax[lane] * (1.0 / FULL_PARALLAX));
+        let (angle, sure) = (at_most_1(angle), answers.confidence[lane].sqrt());
         let agrees = error < 1.0;
+        let sees_through = answers.nearest[lane] < (1.0 - margin) * answers.expected[lane];
         tally.views[lane] += if agrees { 1.0 } else { 0.0 };
         tally.support[lane] += if agrees { (1.0 - error) * angle * sure } else { 0.0 };
-        tally.against[lane] += if answers.behind[lane] > margin { sure } else { 0.0 };
+        tally.against[lane] += if sees_through { sure } else { 0.0 };
     }
 }
 
@@ -257,8 +276,9 @@ mod tests {
     fn are_confirmed(views: &[FilteredView], options: &FuseOptions) -> bool {
         let (reference, sources) = (&views[0], &views[1..]);
         let pairs: Vec<_> = sources.iter().map(|source| Pair::new(reference, 1, source, options)).collect();
-        let strip = Strip::of_row(24, 0, reference.samples.row(24));
-        Rule::new(reference, &pairs, options).confirmed(&strip, (0, 24)) >> 32 & 1 == 1
+        let (strip, mut confirmed) = (Strip::of_row(24, 0, reference.samples.row(24)), [0]);
+        Rule::new(reference, &pairs, options).confirm(&[strip], 24, &mut confirmed);
+        confirmed[0] >> 32 & 1 == 1
     }
 
     const OWN: Wall = Wall { x: 0.0, error: 0.0, confidence: 1.0 };
@@ -306,7 +326,7 @@ mod tests {
         let confirmed_with = |sources: usize, beside: (usize, usize)| {
             let walls = (1..=sources).map(|i| Wall::new(0.4 + 0.05 * i as f64, 0.001));
             let mut views: Vec<_> = [OWN].into_iter().chain(walls).map(Wall::view).collect();
-            views[0].samples[beside][0] = 0.5 / 10.0;
+            views[0].samples[beside] = Sample::new(0.5 / 10.0, 1.0);
             are_confirmed(&views, &options)
         };
         for beside in [(34, 24), (30, 24), (32, 22), (32, 25)] {

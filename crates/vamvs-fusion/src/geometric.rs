@@ -70,13 +70,13 @@ struct RowCount {
 impl RowFilter<'_> {
     fn keep(&self, y: usize, row: &mut [u64]) -> RowCount {
         let mut count = RowCount::default();
-        let strips = self.reference.samples.row(y).chunks(LANES);
-        for (number, (word, samples)) in row.iter_mut().zip(strips).enumerate() {
-            let mut strip = Strip::of_row(y, number * LANES, samples);
-            count.outside_roi += self.roi.as_ref().map_or(0, |roi| roi.remove_outside(&mut strip));
-            *word = self.rule.confirmed(&strip, (number * LANES, y));
-            count.add(*word, &strip);
+        let parts = self.reference.samples.row(y).chunks(LANES).enumerate();
+        let mut strips: Vec<Strip> = parts.map(|(number, part)| Strip::of_row(y, number * LANES, part)).collect();
+        if let Some(roi) = &self.roi {
+            count.outside_roi = strips.iter_mut().map(|strip| roi.remove_outside(strip)).sum();
         }
+        self.rule.confirm(&strips, y, row);
+        row.iter().zip(&strips).for_each(|(&kept, strip)| count.add(kept, strip));
         count
     }
 }

@@ -24,14 +24,14 @@ pub(crate) fn block_mut<T>(lanes: &mut Lanes<T>, number: usize) -> &mut Block<T>
     &mut lanes.as_chunks_mut().0[number]
 }
 
-/// Whether any lane of a block is true.
+/// Whether any lane of a block is positive; none is negative.
 #[inline(always)]
-pub(crate) fn any(lanes: &Block<bool>) -> bool {
-    let mut any = false;
-    for &lane in lanes {
-        any |= lane;
+pub(crate) fn any_positive(lanes: &Block) -> bool {
+    let mut any = 0;
+    for lane in lanes {
+        any |= lane.to_bits();
     }
-    any
+    any != 0
 }
 
 /// One bit for each lane.

@@ -22,6 +22,7 @@
 mod appearance;
 mod bits;
 mod cache;
+mod candidates;
 mod collector;
 mod consistency;
 mod error;
@@ -43,6 +44,7 @@ mod points;
 mod priority;
 mod report;
 mod round_trip;
+mod sample;
 mod schedule;
 mod source;
 mod spacing;

@@ -8,12 +8,12 @@
 use nalgebra::{Matrix3, Vector3};
 use vamvs_core::{CloudPoint, Pose, Rgb};
 
-use crate::appearance::{Look, SeenView};
+use crate::appearance::{Look, Paint, SeenView};
 use crate::lanes::{LANES, Lanes, first_lanes, fmax, fmin, set_bits};
 use crate::packed_normal::PackedNormal;
 use crate::pair::Pair;
 use crate::photometric::focal;
-use crate::round_trip::Answers;
+use crate::round_trip::{Answers, PREFETCH_ROWS, prefetch};
 use crate::wide::widened;
 
 /// The least confidence in the weight of a depth.
@@ -61,14 +61,22 @@ pub(crate) struct Means<'a> {
     facing: [Lanes; 3],
     /// 1 over the scalar product of ray and normal; 0 if they are nearly perpendicular.
     per_slant: Lanes,
-    /// How well the reference view sees the points, pixels per length on the surface.
-    clarity: Lanes,
+    /// 1 over how well the reference view sees the points, length on the surface per pixel.
+    per_clarity: Lanes,
     sums: Sums,
-    /// Of the reference view and each view that was added, the depths along the rays and their weights, 0 where the view
-    /// does not agree.
-    depths: Vec<[Lanes; 2]>,
-    /// Room for those of one lane.
+    /// What the views that agree measure, for each lane.
+    measured: [Vec<Measured>; LANES],
+    /// Room for the depths and weights of one lane.
     values: Vec<[f32; 2]>,
+}
+
+/// What a view measures of a point.
+#[derive(Clone, Copy)]
+struct Measured {
+    /// The number of the view.
+    view: u32,
+    /// Depth along the ray, and its weight.
+    depth: [f32; 2],
 }
 
 /// Sums over the views that agree.
@@ -82,12 +90,10 @@ struct Sums {
 
 /// The pixels of a view that see the points, one a lane.
 struct Looks {
-    agrees: Lanes<bool>,
-    /// Packed normals.
-    normal: [Lanes<i16>; 2],
-    colour: [Lanes<u8>; 3],
-    /// Weight of the colour: less at an edge.
-    weight: Lanes,
+    /// 1 where the view agrees, 0 elsewhere.
+    agrees: Lanes,
+    normal: Lanes<PackedNormal>,
+    paint: Lanes<Paint>,
 }
 
 impl<'a> Viewpoint<'a> {
@@ -115,15 +121,15 @@ impl<'a> Means<'a> {
             footprint: none,
             facing: [none; 3],
             per_slant: none,
-            clarity: none,
+            per_clarity: none,
             sums: Sums::none(),
-            depths: Vec::new(),
+            measured: [const { Vec::new() }; LANES],
             values: Vec::new(),
         }
     }
 
-    /// Begins with what the reference view measures at the pixels x of row `y`, at most [`LANES`].
-    pub fn begin(&mut self, pixels: &[usize], y: usize) {
+    /// Begins with what the reference view, number `view`, measures at the pixels x of row `y`, at most [`LANES`].
+    pub fn begin(&mut self, view: usize, pixels: &[usize], y: usize) {
         let seen = self.reference.seen;
         let first = y * seen.filtered.size().width;
         let mut chosen = [0; LANES];
@@ -131,40 +137,45 @@ impl<'a> Means<'a> {
         let looks = Looks::at(seen, first_lanes(pixels.len()), &chosen);
         let (mut depth, mut confidence) = ([1.0; LANES], [0.0; LANES]);
         for (lane, &x) in pixels.iter().enumerate() {
-            let [inverse_depth, sure] = seen.filtered.samples.data()[first + x];
-            (depth[lane], confidence[lane]) = (inverse_depth.recip(), sure);
+            let sample = seen.filtered.samples.data()[first + x];
+            (depth[lane], confidence[lane]) = (sample.inverse_depth().recip(), sample.confidence());
             self.ray[0][lane] = (x as f32 + 0.5 - self.reference.centre[0]) * self.reference.per_focal[0];
             self.ray[1][lane] = (y as f32 + 0.5 - self.reference.centre[1]) * self.reference.per_focal[1];
         }
-        let none = [0.0; LANES];
         self.sums = Sums::none();
-        self.depths.clear();
-        let mut depths = [none; 2];
+        self.measured.iter_mut().for_each(Vec::clear);
+        let mut depths = [[0.0; LANES]; 2];
         measure_reference([&depth, &confidence], &looks, self, &mut depths);
-        self.depths.push(depths);
+        self.push(view, first_lanes(pixels.len()), &depths);
     }
 
     /// Adds the answers of a source view in the lanes in which it agrees.
     pub fn add(&mut self, pair: &Pair<'_>, source: &SeenView, answers: &Answers) {
         let agreeing = answers.agreeing();
-        let mut depths = [[0.0; LANES]; 2];
         if agreeing != 0 {
-            measure_source(pair, answers, &Looks::at(source, agreeing, &answers.pixel), self, &mut depths);
+            let (looks, mut depths) = (Looks::at(source, agreeing, &answers.pixel), [[0.0; LANES]; 2]);
+            measure_source(pair, answers, &looks, self, &mut depths);
+            self.push(pair.source_view, agreeing, &depths);
         }
-        self.depths.push(depths);
     }
 
-    /// For each view that was added, in that order, whether it agrees on the point of a lane.
-    pub fn agreeing(&self, lane: usize) -> impl Iterator<Item = bool> {
-        self.depths[1..].iter().map(move |[_, weight]| weight[lane] > 0.0)
+    fn push(&mut self, view: usize, agreeing: u64, [depth, weight]: &[Lanes; 2]) {
+        for lane in set_bits(agreeing) {
+            let depth = [depth[lane], weight[lane]];
+            self.measured[lane].push(Measured { view: view as u32, depth });
+        }
+    }
+
+    /// The views that agree on the point of a lane, in the order in which they were added.
+    pub fn views(&self, lane: usize) -> impl Iterator<Item = u32> {
+        self.measured[lane].iter().map(|measured| measured.view)
     }
 
     /// The point of a lane in the world; `max_relative_depth` is the largest relative difference of depths
     /// that agree.
     pub fn point(&mut self, lane: usize, max_relative_depth: f32) -> CloudPoint {
         self.values.clear();
-        let values = self.depths.iter().map(|[depth, weight]| [depth[lane], weight[lane]]);
-        self.values.extend(values.filter(|[_, weight]| *weight > 0.0));
+        self.values.extend(self.measured[lane].iter().map(|measured| measured.depth));
         let views = self.values.len();
         let depth = robust_mean(&mut self.values, HALF_WEIGHT * max_relative_depth);
         let of = |sums: &[Lanes; 3]| sums.map(|sum| sum[lane]);
@@ -184,18 +195,17 @@ impl Looks {
     /// The pixels with these indices in the lanes that agree, one bit each.
     fn at(view: &SeenView, agreeing: u64, pixels: &Lanes<u32>) -> Self {
         let mut looks = Self {
-            agrees: [false; LANES],
-            normal: [[0; LANES]; 2],
-            colour: [[0; LANES]; 3],
-            weight: [0.0; LANES],
+            agrees: [0.0; LANES],
+            normal: [PackedNormal::default(); LANES],
+            paint: [Paint::default(); LANES],
         };
+        let (all, width) = (view.look.data(), view.look.width());
         for lane in set_bits(agreeing) {
-            let Look { normal: PackedNormal([u, v]), colour: [red, green, blue], inner } =
-                view.look.data()[pixels[lane] as usize];
-            looks.agrees[lane] = true;
-            (looks.normal[0][lane], looks.normal[1][lane]) = (u, v);
-            (looks.colour[0][lane], looks.colour[1][lane], looks.colour[2][lane]) = (red, green, blue);
-            looks.weight[lane] = if inner { 1.0 } else { AT_EDGE };
+            let pixel = pixels[lane] as usize;
+            prefetch(all, pixel + PREFETCH_ROWS * width);
+            let Look { normal, paint } = all[pixel];
+            looks.agrees[lane] = 1.0;
+            (looks.normal[lane], looks.paint[lane]) = (normal, paint);
         }
         looks
     }
@@ -227,7 +237,7 @@ fn measure_reference_any(
 ) {
     let (rotation, radians_per_pixel) = (&means.reference.rotation, means.reference.radians_per_pixel);
     for lane in 0..LANES {
-        let [a, b, c] = PackedNormal([looks.normal[0][lane], looks.normal[1][lane]]).components();
+        let [a, b, c] = looks.normal[lane].components();
         let facing_x = rotation[(0, 0)] * a + rotation[(0, 1)] * b + rotation[(0, 2)] * c;
         let facing_y = rotation[(1, 0)] * a + rotation[(1, 1)] * b + rotation[(1, 2)] * c;
         let facing_z = rotation[(2, 0)] * a + rotation[(2, 1)] * b + rotation[(2, 2)] * c;
@@ -240,10 +250,9 @@ fn measure_reference_any(
         means.facing[2][lane] = facing_z;
         means.footprint[lane] = footprint;
         means.per_slant[lane] = if slant.abs() >= LEAST_COSINE * length { 1.0 / slant } else { 0.0 };
-        means.clarity[lane] = fmax(slant.abs() / length, LEAST_COSINE) / footprint;
+        means.per_clarity[lane] = footprint / fmax(slant.abs() / length, LEAST_COSINE);
         depths[0][lane] = depth[lane];
-        let weight = fmax(confidence[lane], LEAST_CONFIDENCE);
-        depths[1][lane] = if looks.agrees[lane] { weight } else { 0.0 };
+        depths[1][lane] = fmax(confidence[lane], LEAST_CONFIDENCE);
         means.sums.add(looks, (1.0, confidence[lane]), lane);
     }
 }
@@ -257,7 +266,7 @@ fn measure_source_any(
     depths: &mut [Lanes; 2],
 ) {
     let ([cx, cy], [per_fx, per_fy]) = (means.reference.centre, means.reference.per_focal);
-    let camera = &pair.source_centre;
+    let (camera, pixels_per_radian) = (&pair.source_centre, pair.radians_per_pixel.recip());
     for lane in 0..LANES {
         // The source's surface point.
         let per_w = 1.0 / answers.inverse_depth[lane];
@@ -269,16 +278,15 @@ fn measure_source_any(
         // The depth at which the ray meets the plane through that point with the pixel's own normal.
         let per_slant = means.per_slant[lane];
         let along = if per_slant == 0.0 { pz } else { (fx * px + fy * py + fz * pz) * per_slant };
-        let footprint = pair.radians_per_pixel * per_w;
-        let relative = means.footprint[lane] / footprint;
+        let per_footprint = answers.inverse_depth[lane] * pixels_per_radian;
+        let relative = means.footprint[lane] * per_footprint;
         let detail = fmin(relative * relative, MOST_DETAIL);
         let (dx, dy, dz) = (px - camera.x, py - camera.y, pz - camera.z);
         let cosine = (fx * dx + fy * dy + fz * dz).abs() / (dx * dx + dy * dy + dz * dz).sqrt();
-        let clarity = fmax(cosine, LEAST_COSINE) / footprint;
-        let ratio = fmin(clarity / means.clarity[lane], 1e3);
+        let clarity = fmax(cosine, LEAST_COSINE) * per_footprint;
+        let ratio = fmin(clarity * means.per_clarity[lane], 1e3);
         depths[0][lane] = along;
-        let weight = fmax(answers.confidence[lane], LEAST_CONFIDENCE) * detail;
-        depths[1][lane] = if looks.agrees[lane] { weight } else { 0.0 };
+        depths[1][lane] = fmax(answers.confidence[lane], LEAST_CONFIDENCE) * detail;
         means.sums.add(looks, (ratio * ratio * ratio * ratio, answers.confidence[lane]), lane);
     }
 }
@@ -292,18 +300,21 @@ impl Sums {
     /// Adds a pixel of a view with a weight of its colour and its confidence, if the view agrees.
     #[inline(always)]
     fn add(&mut self, looks: &Looks, (weight, confidence): (f32, f32), lane: usize) {
-        let agrees = looks.agrees[lane];
-        let [a, b, c] = PackedNormal([looks.normal[0][lane], looks.normal[1][lane]]).components();
+        let agrees = looks.agrees[lane] > 0.0;
+        let [a, b, c] = looks.normal[lane].components();
         let turned = self.normal[0][lane] * a + self.normal[1][lane] * b + self.normal[2][lane] * c;
         // The back of a thin sheet must not cancel its front.
         let share = if agrees & (turned >= 0.0) { 1.0 } else { 0.0 };
         self.normal[0][lane] += share * a;
         self.normal[1][lane] += share * b;
         self.normal[2][lane] += share * c;
-        let weight = if agrees { weight * looks.weight[lane] } else { 0.0 };
-        self.colour[0][lane] += weight * f32::from(looks.colour[0][lane]);
-        self.colour[1][lane] += weight * f32::from(looks.colour[1][lane]);
-        self.colour[2][lane] += weight * f32::from(looks.colour[2][lane]);
+        let paint = looks.paint[lane];
+        let weight = if paint.is_inner() { weight } else { AT_EDGE * weight };
+        let weight = if agrees { weight } else { 0.0 };
+        let [red, green, blue] = paint.colour();
+        self.colour[0][lane] += weight * red;
+        self.colour[1][lane] += weight * green;
+        self.colour[2][lane] += weight * blue;
         self.colour_weight[lane] += weight;
         self.confidence[lane] += if agrees { confidence } else { 0.0 };
     }

@@ -13,6 +13,7 @@ use vamvs_core::Size;
 use crate::FusedPoints;
 use crate::appearance::SeenView;
 use crate::bits::BitGrid;
+use crate::candidates::{Candidates, gather};
 use crate::geometric::RoiTest;
 use crate::lanes::{LANES, Lanes, bits, first_lanes, set_bits};
 use crate::mean::{Means, Viewpoint};
@@ -72,7 +73,7 @@ impl Merger<'_> {
         let mut points = FusedPoints::with_room(pixels.len());
         for pixels in pixels.chunks(LANES) {
             let strip = self.strip(pixels, y);
-            means.begin(pixels, y);
+            means.begin(self.view, pixels, y);
             for other in &self.others {
                 ask(&other.pair, &strip, first_lanes(pixels.len()), answers);
                 means.add(&other.pair, other.seen, answers);
@@ -82,9 +83,7 @@ impl Merger<'_> {
                 if let Some(region) = &self.region {
                     region.hold(&mut point, (pixels[lane], y));
                 }
-                let agreeing = self.others.iter().zip(means.agreeing(lane)).filter(|(_, agrees)| *agrees);
-                let views = agreeing.map(|(other, _)| other.pair.source_view);
-                points.push(point, std::iter::once(self.view).chain(views));
+                points.push(point, means.views(lane));
             }
         }
         points
@@ -92,22 +91,22 @@ impl Merger<'_> {
 
     /// The kept pixels of a row whose places no view of higher priority takes.
     fn first_comers(&self, y: usize, answers: &mut Answers) -> Vec<usize> {
-        let mut pixels = Vec::new();
-        let row = self.reference.filtered.samples.row(y);
-        for (number, (&kept, samples)) in self.kept.row(y).iter().zip(row.chunks(LANES)).enumerate() {
-            let strip = Strip::of_row(y, number * LANES, samples);
-            let mut open = kept;
-            for other in &self.others {
-                let may_be_taken = open & self.may_come_first(other, &strip);
-                if may_be_taken == 0 {
-                    continue;
+        let parts = self.reference.filtered.samples.row(y).chunks(LANES).zip(self.kept.row(y)).enumerate();
+        let candidates = |(number, (samples, &kept))| {
+            Candidates { strip: Strip::of_row(y, number * LANES, samples), more: (), open: kept }
+        };
+        let mut all: Vec<Candidates<()>> = parts.map(candidates).collect();
+        for other in &self.others {
+            gather(&mut all);
+            for Candidates { strip, open, .. } in &mut all {
+                let may_be_taken = *open & self.may_come_first(other, strip);
+                if may_be_taken != 0 {
+                    ask(&other.pair, strip, may_be_taken, answers);
+                    *open &= !self.taken(other, strip, answers, *open);
                 }
-                ask(&other.pair, &strip, may_be_taken, answers);
-                open &= !self.taken(other, &strip, answers, open);
             }
-            pixels.extend(set_bits(open).map(|lane| number * LANES + lane));
         }
-        pixels
+        all.iter().flat_map(|candidates| candidates.columns(candidates.open)).collect()
     }
 
     /// The lanes in which another view may come before the reference view if it agrees. If it
@@ -131,7 +130,7 @@ impl Merger<'_> {
             let own = self.ranking.rank(strip.inverse_depth[lane]);
             let pixel = answers.pixel[lane] as usize;
             // Not the interpolated depth: see `Rank`.
-            let [theirs, _] = other.seen.filtered.samples.data()[pixel];
+            let theirs = other.seen.filtered.samples.data()[pixel].inverse_depth();
             if other.kept.at(pixel, width) && other.ranking.rank(theirs) < own {
                 taken |= 1 << lane;
             }

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use vamvs_core::Grid;
 
 use crate::photometric::FilteredView;
+use crate::sample::Sample;
 use crate::wide::widened;
 
 /// Pixels to each side that a normal is fitted to.
@@ -65,7 +66,7 @@ pub(crate) fn directions_of_row(
 struct Row<'a> {
     rays: Rays,
     y: usize,
-    samples: &'a [[f32; 2]],
+    samples: &'a [Sample],
     world_from_cam: &'a Matrix3<f32>,
 }
 
@@ -77,7 +78,7 @@ widened! {
 fn direct_row_any(row: &Row<'_>, fits: &[Fit], directions: &mut [[f32; 3]]) {
     let m = row.world_from_cam;
     for x in 0..directions.len() {
-        let [a, b, c] = row.rays.direction((x, row.y), row.samples[x][0], fits[x].slopes);
+        let [a, b, c] = row.rays.direction((x, row.y), row.samples[x].inverse_depth(), fits[x].slopes);
         directions[x][0] = m[(0, 0)] * a + m[(0, 1)] * b + m[(0, 2)] * c;
         directions[x][1] = m[(1, 0)] * a + m[(1, 1)] * b + m[(1, 2)] * c;
         directions[x][2] = m[(2, 0)] * a + m[(2, 1)] * b + m[(2, 2)] * c;
@@ -126,7 +127,7 @@ fn padded_rows(view: &FilteredView, y: usize) -> Vec<Vec<f32>> {
     let padded = |j: usize| {
         let mut row = vec![0.0; size.width + 2 * RADIUS + LANES];
         if let Some(j) = j.checked_sub(RADIUS).filter(|&j| j < size.height) {
-            row[RADIUS..].iter_mut().zip(view.samples.row(j)).for_each(|(to, [w, _])| *to = *w);
+            row[RADIUS..].iter_mut().zip(view.samples.row(j)).for_each(|(to, sample)| *to = sample.inverse_depth());
         }
         row
     };

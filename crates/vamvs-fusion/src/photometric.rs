@@ -9,6 +9,8 @@ use rayon::prelude::*;
 use vamvs_core::depth_map::is_valid;
 use vamvs_core::{Grid, Pinhole, Pose, Size};
 
+use crate::lanes::{fmax, fmin};
+use crate::sample::Sample;
 use crate::wide::widened;
 use crate::{FuseError, FuseOptions, MapSource, MaskedMap, ViewReport};
 
@@ -24,9 +26,8 @@ const MAX_SLOPE: f64 = 6.0;
 pub(crate) struct FilteredView {
     pub camera: Pinhole,
     pub cam_from_world: Pose,
-    /// 1/depth and confidence of each pixel, which are needed together; 1/depth is 0 where there is no
-    /// depth or it was filtered out.
-    pub samples: Grid<[f32; 2]>,
+    /// 1/depth and confidence of each pixel; none where there is no depth or it was filtered out.
+    pub samples: Grid<Sample>,
     /// What the filter removed; the later fields are 0.
     pub report: ViewReport,
     /// The relative change of inverse depth from a pixel to the next beyond which there is an edge.
@@ -63,12 +64,12 @@ impl FilteredView {
 
     /// 1/depth of a pixel.
     pub fn inverse_depth(&self, (x, y): (usize, usize)) -> f32 {
-        self.samples[(x, y)][0]
+        self.samples[(x, y)].inverse_depth()
     }
 
     /// Bytes held in memory.
     pub fn bytes(&self) -> usize {
-        self.size().area() * size_of::<[f32; 2]>()
+        self.size().area() * size_of::<Sample>()
     }
 }
 
@@ -77,9 +78,9 @@ pub(crate) fn focal(camera: &Pinhole) -> f64 {
     (camera.intrinsics.fx * camera.intrinsics.fy).sqrt()
 }
 
-fn filter(loaded: &MaskedMap, options: &FuseOptions) -> (Grid<[f32; 2]>, ViewReport) {
+fn filter(loaded: &MaskedMap, options: &FuseOptions) -> (Grid<Sample>, ViewReport) {
     let size = loaded.map.depth.size();
-    let mut samples = Grid::filled(size, [0.0; 2]);
+    let mut samples = Grid::filled(size, Sample::NONE);
     let rows = samples.data_mut().par_chunks_mut(size.width.max(1)).enumerate();
     let reports: Vec<ViewReport> = rows.map(|(y, row)| filter_row(loaded, options, y, row)).collect();
     let mut report = ViewReport { pixels: size.area() as u64, ..ViewReport::default() };
@@ -87,7 +88,7 @@ fn filter(loaded: &MaskedMap, options: &FuseOptions) -> (Grid<[f32; 2]>, ViewRep
     (samples, report)
 }
 
-fn filter_row(loaded: &MaskedMap, options: &FuseOptions, y: usize, row: &mut [[f32; 2]]) -> ViewReport {
+fn filter_row(loaded: &MaskedMap, options: &FuseOptions, y: usize, row: &mut [Sample]) -> ViewReport {
     let map = &loaded.map;
     let (certain, unmasked) = (vec![f32::INFINITY; row.len()], vec![true; row.len()]);
     let pixels = Pixels {
@@ -126,13 +127,13 @@ struct Removed {
 }
 
 widened! {
-    /// Sets the inverse depths of the pixels that pass, 0 elsewhere, and the confidences.
-    fn filter_pixels(pixels: &Pixels<'_>, samples: &mut [[f32; 2]], removed: &mut Removed) = filter_pixels_any;
+    /// Sets the samples of the pixels that pass; none elsewhere.
+    fn filter_pixels(pixels: &Pixels<'_>, samples: &mut [Sample], removed: &mut Removed) = filter_pixels_any;
 }
 
 // Without branches and closures, so that it is compiled for the widest vectors.
 #[inline(always)]
-fn filter_pixels_any(pixels: &Pixels<'_>, samples: &mut [[f32; 2]], removed: &mut Removed) {
+fn filter_pixels_any(pixels: &Pixels<'_>, samples: &mut [Sample], removed: &mut Removed) {
     let count = samples.len();
     let (depth, mask) = (&pixels.depth[..count], &pixels.mask[..count]);
     let (confidence, coarse) = (&pixels.confidence[..count], &pixels.coarse[..count]);
@@ -144,8 +145,9 @@ fn filter_pixels_any(pixels: &Pixels<'_>, samples: &mut [[f32; 2]], removed: &mu
         masked += u32::from(with_depth & !mask[x]);
         unconfident += u32::from(with_depth & mask[x] & !confident);
         let passes = with_depth & mask[x] & confident;
-        let confidence = if confidence[x] < 1.0 { confidence[x] } else { 1.0 };
-        samples[x] = [if passes { 1.0 / depth[x] } else { 0.0 }, confidence];
+        let confidence = fmax(fmin(confidence[x], 1.0), 0.0);
+        let sample = Sample::new(1.0 / depth[x], confidence);
+        samples[x] = if passes { sample } else { Sample::NONE };
     }
     *removed = Removed { without_depth, masked, unconfident };
 }
@@ -183,8 +185,8 @@ mod tests {
         let expected =
             ViewReport { pixels: 12, without_depth: 4, masked: 1, unconfident: 3, ..Default::default() };
         assert_eq!(filtered.report, expected);
-        assert!(filtered.samples.data()[..8].iter().all(|[w, _]| *w == 0.0));
-        assert!(filtered.samples.row(2).iter().all(|sample| *sample == [0.5, 1.0]));
+        assert!(filtered.samples.data()[..8].iter().all(|sample| *sample == Sample::NONE));
+        assert!(filtered.samples.row(2).iter().all(|sample| *sample == Sample::new(0.5, 1.0)));
     }
 
     #[test]
@@ -192,7 +194,7 @@ mod tests {
         let mut loaded = view(Grid::filled(SIZE, 2.0));
         (loaded.map.confidence[(0, 0)], loaded.map.confidence[(1, 0)]) = (f32::INFINITY, 1.5);
         let filtered = FilteredView::new(0, &loaded, &FuseOptions::default()).unwrap();
-        assert_eq!(filtered.samples.row(0)[..2], [[0.5, 1.0]; 2]);
+        assert_eq!(filtered.samples.row(0)[..2], [Sample::new(0.5, 1.0); 2]);
     }
 
     #[test]

@@ -30,9 +30,9 @@ impl FusedPoints {
         self.points.iter().zip(views)
     }
 
-    pub(crate) fn push(&mut self, point: CloudPoint, views: impl Iterator<Item = usize>) {
+    pub(crate) fn push(&mut self, point: CloudPoint, views: impl Iterator<Item = u32>) {
         self.points.push(point);
-        self.views.extend(views.map(|view| view as u32));
+        self.views.extend(views);
         self.ends.push(self.views.len());
     }
 

@@ -9,8 +9,9 @@
     reason = "one lane of many arrays at a time, as the compiler turns into vectors"
 )]
 
-use crate::lanes::{BLOCK, Block, LANES, Lanes, any, bits, block, block_mut, fmax, fmin};
+use crate::lanes::{BLOCK, Block, LANES, Lanes, any_positive, bits, block, block_mut, fmax, fmin};
 use crate::pair::Pair;
+use crate::sample::{Beside, Sample};
 use crate::wide::widened;
 
 /// Pixels of one row of the reference view.
@@ -41,10 +42,10 @@ pub(crate) struct Answers {
     pub back: [Lanes; 3],
     /// The triangulation angle, radians, in small-angle approximation.
     pub parallax: Lanes,
-    /// How far the surface of the source is behind the point: 1 − z / s, where z is the depth of
-    /// the point in the source view and s the nearest of the four depths around; 0 at the point, 1
-    /// at infinity. Negative where the source sees nothing or something nearer.
-    pub behind: Lanes,
+    /// The point's own inverse depth in the source view.
+    pub expected: Lanes,
+    /// The inverse of the nearest of the source's four depths around; infinite where it sees nothing.
+    pub nearest: Lanes,
 }
 
 impl Strip {
@@ -53,10 +54,10 @@ impl Strip {
         Self { y, x: [0.0; LANES], inverse_depth: [0.0; LANES] }
     }
 
-    /// The pixels of row `y` from `first` on; `row` has their inverse depths and confidences.
-    pub fn of_row(y: usize, first: usize, row: &[[f32; 2]]) -> Self {
+    /// The pixels of row `y` from `first` on; `row` has their samples.
+    pub fn of_row(y: usize, first: usize, row: &[Sample]) -> Self {
         let mut strip = Self::empty(y as f32 + 0.5);
-        strip.inverse_depth.iter_mut().zip(row).for_each(|(to, [inverse_depth, _])| *to = *inverse_depth);
+        strip.inverse_depth.iter_mut().zip(row).for_each(|(to, sample)| *to = sample.inverse_depth());
         let centres = (first..).map(|x| x as f32 + 0.5);
         strip.x.iter_mut().zip(centres).for_each(|(to, x)| *to = x);
         strip
@@ -74,7 +75,8 @@ impl Answers {
             confidence: none,
             back: [none; 3],
             parallax: none,
-            behind: [-1.0; LANES],
+            expected: none,
+            nearest: [f32::INFINITY; LANES],
         }
     }
 
@@ -96,15 +98,16 @@ widened! {
 struct Seen {
     /// Image coordinates.
     at: [Block; 2],
-    /// The points' inverse depths there.
+    /// The points' inverse depths there; 0 outside of the image.
     inverse_depth: Block,
     /// The upper left of the four pixels around, clamped to the image.
     corner: [Block; 2],
     /// Its index in the rasters.
     place: Block<u32>,
-    /// Whether the pixel is inside.
-    inside: Block<bool>,
 }
+
+/// Four pixels each: upper left, upper right, lower left, lower right.
+type Corners = [Block<Sample>; 4];
 
 // No closures from here on: they would not be compiled for the widest vectors.
 #[inline(always)]
@@ -115,7 +118,7 @@ fn ask_any(pair: &Pair<'_>, strip: &Strip, open: u64, answers: &mut Answers) {
         let is_open = open >> (number * BLOCK) & ((1 << BLOCK) - 1) != 0;
         if !(is_open && has_surface && ask_block(pair, strip, number, answers)) {
             *block_mut(&mut answers.error, number) = [f32::INFINITY; BLOCK];
-            *block_mut(&mut answers.behind, number) = [-1.0; BLOCK];
+            *block_mut(&mut answers.nearest, number) = [f32::INFINITY; BLOCK];
         }
     }
 }
@@ -124,13 +127,12 @@ fn ask_any(pair: &Pair<'_>, strip: &Strip, open: u64, answers: &mut Answers) {
 #[inline(always)]
 fn ask_block(pair: &Pair<'_>, strip: &Strip, number: usize, answers: &mut Answers) -> bool {
     let seen = project(pair, strip, number, answers);
-    if !any(&seen.inside) {
+    if !any_positive(&seen.inverse_depth) {
         return false;
     }
     let corners = gather(pair.source.samples.data(), pair.source.size().width, &seen.place);
     let at = sample(pair, &seen, &corners, number, answers);
-    gather_confidence(pair.source.samples.data(), number, answers);
-    come_back(pair, strip, (&at, &seen.inside), number, answers);
+    come_back(pair, strip, (&at, &seen.inverse_depth), number, answers);
     true
 }
 
@@ -165,7 +167,6 @@ fn project(pair: &Pair<'_>, strip: &Strip, number: usize, answers: &mut Answers)
         inverse_depth: none,
         corner: [none; 2],
         place: [0; BLOCK],
-        inside: [false; BLOCK],
     };
     for lane in 0..BLOCK {
         let (x, w) = (columns[lane], inverse_depths[lane]);
@@ -182,60 +183,53 @@ fn project(pair: &Pair<'_>, strip: &Strip, number: usize, answers: &mut Answers)
         let top = whole(fmin(fmax(v - 0.5, 0.0), height - 2.0));
         seen.at[0][lane] = u;
         seen.at[1][lane] = v;
-        seen.inverse_depth[lane] = w * per_z;
+        seen.inverse_depth[lane] = if inside { w * per_z } else { 0.0 };
         seen.corner[0][lane] = left as f32;
         seen.corner[1][lane] = top as f32;
         seen.place[lane] = (top * size.width as i32 + left) as u32;
-        seen.inside[lane] = inside;
     }
     seen
 }
 
 /// The reference view's next row is likely seen in the source view's next row, which is brought
 /// into the cache.
-const PREFETCH_ROWS: usize = 2;
+pub(crate) const PREFETCH_ROWS: usize = 2;
 
 /// Lanes from one prefetch to the next: half of the samples in a cache line.
-const PREFETCH_STEP: usize = 4;
+const PREFETCH_STEP: usize = 8;
 
-/// Begins to bring the cache line of `samples[at]` into the cache, if there is such a sample.
+/// Begins to bring the cache line of `values[at]` into the cache, if there is such a value.
 #[inline(always)]
-fn prefetch(samples: &[[f32; 2]], at: usize) {
+pub(crate) fn prefetch<T>(values: &[T], at: usize) {
     #[cfg(target_arch = "x86_64")]
-    if at < samples.len() {
+    if at < values.len() {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: the address is that of a sample.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(samples.as_ptr().add(at).cast()) }
+        // SAFETY: the address is that of a value.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().add(at).cast()) }
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = (samples, at);
+    let _ = (values, at);
 }
 
-/// The inverse depths of four pixels each, whose upper left one is at a place: the upper two, the lower
-/// two.
+/// The four pixels each whose upper left one is at a place.
 #[inline(always)]
-fn gather(samples: &[[f32; 2]], width: usize, places: &Block<u32>) -> [Block<[f32; 2]>; 2] {
-    let (mut upper, mut lower) = ([[0.0; 2]; BLOCK], [[0.0; 2]; BLOCK]);
+fn gather(samples: &[Sample], width: usize, places: &Block<u32>) -> Corners {
+    let (mut upper, mut lower) = ([Beside::default(); BLOCK], [Beside::default(); BLOCK]);
     for lane in (0..BLOCK).step_by(PREFETCH_STEP) {
         prefetch(samples, places[lane] as usize + PREFETCH_ROWS * width);
     }
     for lane in 0..BLOCK {
         let place = places[lane] as usize;
         let four = &samples[place..place + width + 2];
-        upper[lane] = [four[0][0], four[1][0]];
-        lower[lane] = [four[width][0], four[width + 1][0]];
+        upper[lane] = Beside::of(four);
+        lower[lane] = Beside::of(&four[width..]);
     }
-    [upper, lower]
-}
-
-/// The confidences of pixels that were just gathered.
-#[inline(always)]
-fn gather_confidence(samples: &[[f32; 2]], number: usize, answers: &mut Answers) {
-    let confidence = block_mut(&mut answers.confidence, number);
-    let pixel = block(&answers.pixel, number);
+    let mut corners = [[Sample::NONE; BLOCK]; 4];
     for lane in 0..BLOCK {
-        confidence[lane] = samples[pixel[lane] as usize][1];
+        (corners[0][lane], corners[1][lane]) = (upper[lane].left(), upper[lane].right());
+        (corners[2][lane], corners[3][lane]) = (lower[lane].left(), lower[lane].right());
     }
+    corners
 }
 
 /// The source's inverse depth at the place: bilinear (linear beyond the outermost centres) where
@@ -245,7 +239,7 @@ fn gather_confidence(samples: &[[f32; 2]], number: usize, answers: &mut Answers)
 fn sample(
     pair: &Pair<'_>,
     seen: &Seen,
-    corners: &[Block<[f32; 2]>; 2],
+    corners: &Corners,
     number: usize,
     answers: &mut Answers,
 ) -> [Block; 2] {
@@ -253,23 +247,27 @@ fn sample(
     let max_spread = pair.max_relative_depth;
     let inverse_depth = block_mut(&mut answers.inverse_depth, number);
     let pixel = block_mut(&mut answers.pixel, number);
-    let behind = block_mut(&mut answers.behind, number);
+    let confidence = block_mut(&mut answers.confidence, number);
+    let expected = block_mut(&mut answers.expected, number);
+    let closest = block_mut(&mut answers.nearest, number);
     let mut at = [[0.0; BLOCK]; 2];
     for lane in 0..BLOCK {
-        let ([a, b], [c, d]) = (corners[0][lane], corners[1][lane]);
+        let (a, b) = (corners[0][lane].inverse_depth(), corners[1][lane].inverse_depth());
+        let (c, d) = (corners[2][lane].inverse_depth(), corners[3][lane].inverse_depth());
         let (lowest, highest) = (fmin(fmin(a, b), fmin(c, d)), fmax(fmax(a, b), fmax(c, d)));
         let (left, top) = (seen.corner[0][lane], seen.corner[1][lane]);
         let (s, t) = (seen.at[0][lane] - 0.5 - left, seen.at[1][lane] - 0.5 - top);
         let (upper, lower) = (a + s * (b - a), c + s * (d - c));
         let smooth = (lowest > 0.0) & (highest - lowest <= max_spread * lowest);
         let (is_right, is_lower) = (s >= 0.5, t >= 0.5);
-        let (left_column, right_column) = if is_lower { (c, d) } else { (a, b) };
-        let nearest = if is_right { right_column } else { left_column };
-        inverse_depth[lane] = if smooth { upper + t * (lower - upper) } else { nearest };
+        let (row_left, row_right) =
+            if is_lower { (corners[2][lane], corners[3][lane]) } else { (corners[0][lane], corners[1][lane]) };
+        let nearest = if is_right { row_right } else { row_left };
+        inverse_depth[lane] = if smooth { upper + t * (lower - upper) } else { nearest.inverse_depth() };
+        confidence[lane] = nearest.confidence();
         pixel[lane] = seen.place[lane] + u32::from(is_right) + if is_lower { width } else { 0 };
-        let point = seen.inverse_depth[lane];
-        let sees = seen.inside[lane] & (lowest > 0.0);
-        behind[lane] = if sees { 1.0 - highest / point } else { -1.0 };
+        expected[lane] = seen.inverse_depth[lane];
+        closest[lane] = if lowest > 0.0 { highest } else { f32::INFINITY };
         let centre = (left + if is_right { 1.5 } else { 0.5 }, top + if is_lower { 1.5 } else { 0.5 });
         at[0][lane] = if smooth { seen.at[0][lane] } else { centre.0 };
         at[1][lane] = if smooth { seen.at[1][lane] } else { centre.1 };
@@ -281,7 +279,7 @@ fn sample(
 fn come_back(
     pair: &Pair<'_>,
     strip: &Strip,
-    (at, inside): (&[Block; 2], &Block<bool>),
+    (at, expected): (&[Block; 2], &Block),
     number: usize,
     answers: &mut Answers,
 ) {
@@ -290,16 +288,19 @@ fn come_back(
     let theirs = block(&answers.inverse_depth, number);
     let error = block_mut(&mut answers.error, number);
     let back = answers.back.each_mut().map(|lanes| block_mut(lanes, number));
+    let per_max_relative_depth = pair.max_relative_depth.recip();
+    let per_max_reprojection = pair.max_reprojection.recip();
     for lane in 0..BLOCK {
         let (u, v, w) = (at[0][lane], at[1][lane], theirs[lane]);
         let x = m[(0, 0)] * u + m[(0, 1)] * v + m[(0, 2)] + o.x * w;
         let y = m[(1, 0)] * u + m[(1, 1)] * v + m[(1, 2)] + o.y * w;
         let z = m[(2, 0)] * u + m[(2, 1)] * v + m[(2, 2)] + o.z * w;
         // The depth that comes back is z / w, with w the source's inverse depth.
-        let depth_error = (z * own[lane] - w).abs() / (pair.max_relative_depth * w);
+        let per_both = 1.0 / (w * z);
+        let depth_error = (z * own[lane] - w).abs() * (z * per_both) * per_max_relative_depth;
         let (dx, dy) = (x - columns[lane] * z, y - strip.y * z);
-        let way = (dx * dx + dy * dy).sqrt() / (pair.max_reprojection * z);
-        let sees = inside[lane] & (w > 0.0) & (z > 0.0);
+        let way = (dx * dx + dy * dy).sqrt() * (w * per_both) * per_max_reprojection;
+        let sees = (expected[lane] > 0.0) & (w > 0.0) & (z > 0.0);
         error[lane] = if sees { fmax(depth_error, way) } else { f32::INFINITY };
         back[0][lane] = x;
         back[1][lane] = y;
@@ -395,7 +396,7 @@ mod tests {
         let mut answers = Answers::new();
         let mut asked = |open| {
             ask(&pair, &strip, open, &mut answers);
-            (answers.agreeing(), answers.behind.map(|behind| behind > -1.0))
+            (answers.agreeing(), answers.nearest.map(f32::is_finite))
         };
         // Pixels left of column 25 are outside of the source view.
         assert_eq!(asked(u64::MAX).0, u64::MAX << 9);
@@ -421,13 +422,17 @@ mod tests {
     #[test]
     fn a_surface_behind_the_point_is_told_from_one_before_it() {
         let options = FuseOptions::default();
-        let behind = |depth| answer(&wall(1.0, depth, &options), 50.5, 0.25, &options).behind[17];
-        assert!((behind(5.0) - 0.2).abs() < 1e-5, "4 of 5");
-        assert!(behind(4.0).abs() < 1e-5 && behind(3.0) < 0.0);
+        let found = |source: &FilteredView| {
+            let answers = answer(source, 50.5, 0.25, &options);
+            (answers.expected[17], answers.nearest[17])
+        };
+        let (expected, nearest) = found(&wall(1.0, 5.0, &options));
+        assert!((expected - 0.25).abs() < 1e-6 && (nearest - 0.2).abs() < 1e-6);
         let mut edge = Grid::filled(SIZE, 8.0);
         edge[(25, 30)] = 4.0;
         let source = view(1.0, edge, &options);
-        assert!(answer(&source, 50.5, 0.25, &options).behind[17] <= 1e-5, "one of the pixels around is near");
+        assert!((found(&source).1 - 0.25).abs() < 1e-6, "one of the pixels around is near");
+        assert_eq!(answer(&source, 24.5, 0.25, &options).nearest[17], f32::INFINITY, "outside");
     }
 
     #[test]
@@ -438,7 +443,7 @@ mod tests {
         let at = |x| answer(&source, x, 1.0, &options);
         for (x, expected) in [(1.0, 1.004), (0.0, 0.996), (1.9, 1.008), (2.1, 0.2)] {
             let found = at(x).inverse_depth[17];
-            assert!((found - expected).abs() < 1e-6, "{x}: {found}");
+            assert!((found - expected).abs() < 4e-6 * expected, "{x}: {found}");
         }
         assert_eq!([at(0.0), at(1.9), at(3.9)].map(|answers| answers.pixel[17] % 4), [0, 1, 3]);
         for x in [-0.01, 4.0, f32::NAN] {

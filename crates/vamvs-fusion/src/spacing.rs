@@ -31,7 +31,7 @@ impl Thinner {
         let mut thinned = FusedPoints::default();
         for (point, views) in points.iter() {
             if self.passes(point.x_in_world) {
-                thinned.push(*point, views.iter().map(|&view| view as usize));
+                thinned.push(*point, views.iter().copied());
             }
         }
         thinned
