@@ -11,7 +11,7 @@
 
 use crate::lanes::{BLOCK, Block, LANES, Lanes, any_positive, bits, block, block_mut, fmax, fmin};
 use crate::pair::Pair;
-use crate::sample::{Beside, Sample};
+use crate::sample::{Sample, pairs};
 use crate::wide::widened;
 
 /// Pixels of one row of the reference view.
@@ -214,20 +214,25 @@ pub(crate) fn prefetch<T>(values: &[T], at: usize) {
 /// The four pixels each whose upper left one is at a place.
 #[inline(always)]
 fn gather(samples: &[Sample], width: usize, places: &Block<u32>) -> Corners {
-    let (mut upper, mut lower) = ([Beside::default(); BLOCK], [Beside::default(); BLOCK]);
     for lane in (0..BLOCK).step_by(PREFETCH_STEP) {
         prefetch(samples, places[lane] as usize + PREFETCH_ROWS * width);
     }
+    let mut last = 0;
     for lane in 0..BLOCK {
-        let place = places[lane] as usize;
-        let four = &samples[place..place + width + 2];
-        upper[lane] = Beside::of(four);
-        lower[lane] = Beside::of(&four[width..]);
+        last = if places[lane] > last { places[lane] } else { last };
     }
+    assert!(last as usize + width + 1 < samples.len(), "corners are clamped to the image");
     let mut corners = [[Sample::NONE; BLOCK]; 4];
-    for lane in 0..BLOCK {
-        (corners[0][lane], corners[1][lane]) = (upper[lane].left(), upper[lane].right());
-        (corners[2][lane], corners[3][lane]) = (lower[lane].left(), lower[lane].right());
+    for first in (0..BLOCK).step_by(4) {
+        let upper = [places[first], places[first + 1], places[first + 2], places[first + 3]];
+        let below = width as u32;
+        let lower = [upper[0] + below, upper[1] + below, upper[2] + below, upper[3] + below];
+        // SAFETY: the last place was checked, and all others come before it.
+        let ([a, b], [c, d]) = unsafe { (pairs(samples, upper), pairs(samples, lower)) };
+        corners[0][first..first + 4].copy_from_slice(&a);
+        corners[1][first..first + 4].copy_from_slice(&b);
+        corners[2][first..first + 4].copy_from_slice(&c);
+        corners[3][first..first + 4].copy_from_slice(&d);
     }
     corners
 }

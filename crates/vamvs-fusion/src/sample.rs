@@ -2,10 +2,10 @@
 
 /// The inverse depth and the confidence of a pixel.
 ///
-/// Most of the time of fusion is spent waiting for pixels of other views, four at a time. Two that are side by side fit
-/// into a word of 64 bits. An inverse depth has 18 significant bits (its relative error is at most 4·10⁻⁶), a confidence
+/// Fusion reads pixels of other views four at a time; two that are side by side take eight bytes. An inverse depth has 18 significant bits (its relative error is at most 4·10⁻⁶), a confidence
 /// seven bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(transparent)]
 pub(crate) struct Sample(u32);
 
 /// Bits of a confidence.
@@ -45,26 +45,35 @@ impl Sample {
     }
 }
 
-/// Two pixels side by side.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Beside(u64);
-
-impl Beside {
-    /// The first two of some pixels.
-    #[inline(always)]
-    pub fn of(pixels: &[Sample]) -> Self {
-        Self(u64::from(pixels[0].0) | u64::from(pixels[1].0) << 32)
+/// The samples at four places, and those to the right of them.
+///
+/// # Safety
+/// All places must be less than the number of samples minus 1.
+#[inline(always)]
+pub(crate) unsafe fn pairs(samples: &[Sample], places: [u32; 4]) -> [[Sample; 4]; 2] {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{
+            _mm_castpd_ps, _mm_castps_si128, _mm_load_sd, _mm_loadh_pd, _mm_shuffle_ps, _mm_storeu_si128,
+        };
+        let [a, b, c, d] = places;
+        let mut pairs = [[Sample::NONE; 4]; 2];
+        // SAFETY: the caller says that both samples are there. SSE2 is part of the architecture.
+        unsafe {
+            let first = samples.as_ptr();
+            let (a, b) = (first.add(a as usize).cast(), first.add(b as usize).cast());
+            let (c, d) = (first.add(c as usize).cast(), first.add(d as usize).cast());
+            let (ab, cd) = (_mm_loadh_pd(_mm_load_sd(a), b), _mm_loadh_pd(_mm_load_sd(c), d));
+            let (ab, cd) = (_mm_castpd_ps(ab), _mm_castpd_ps(cd));
+            let (left, right) = (_mm_shuffle_ps::<0x88>(ab, cd), _mm_shuffle_ps::<0xdd>(ab, cd));
+            _mm_storeu_si128(pairs[0].as_mut_ptr().cast(), _mm_castps_si128(left));
+            _mm_storeu_si128(pairs[1].as_mut_ptr().cast(), _mm_castps_si128(right));
+        }
+        pairs
     }
-
-    #[inline(always)]
-    pub fn left(self) -> Sample {
-        Sample(self.0 as u32)
-    }
-
-    #[inline(always)]
-    pub fn right(self) -> Sample {
-        Sample((self.0 >> 32) as u32)
-    }
+    #[cfg(not(target_arch = "x86_64"))]
+    // SAFETY: the caller says that both samples are there.
+    [0, 1].map(|right| places.map(|place| unsafe { *samples.get_unchecked(place as usize + right) }))
 }
 
 #[cfg(test)]
@@ -79,11 +88,20 @@ mod tests {
                 assert!((sample.inverse_depth() / inverse_depth - 1.0).abs() < 3.9e-6);
                 assert!((sample.confidence() - confidence).abs() < 1.0 / f32::from(SURE as u8));
                 assert_eq!(sample.confidence() > 0.0, confidence > 0.0);
-                let beside = Beside::of(&[sample, Sample::new(0.5, 1.0)]);
-                assert_eq!((beside.left(), beside.right()), (sample, Sample::new(0.5, 1.0)));
             }
         }
         assert_eq!((Sample::new(0.25, 1.0).inverse_depth(), Sample::new(0.25, 1.0).confidence()), (0.25, 1.0));
         assert_eq!((Sample::NONE.inverse_depth(), Sample::NONE.confidence()), (0.0, 0.0));
+    }
+
+    #[test]
+    fn pairs_are_side_by_side() {
+        let samples: Vec<Sample> = (1..=20).map(|i| Sample::new(i as f32, 0.0)).collect();
+        let places = [3, 0, 18, 7];
+        // SAFETY: there are 20 samples.
+        let [left, right] = unsafe { pairs(&samples, places) };
+        for ((place, left), right) in places.into_iter().zip(left).zip(right) {
+            assert_eq!((left, right), (samples[place as usize], samples[place as usize + 1]));
+        }
     }
 }
