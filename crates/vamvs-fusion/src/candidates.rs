@@ -92,7 +92,8 @@ mod tests {
         let mut all = vec![candidates(0, 0b1010), candidates(64, u64::MAX), candidates(128, 1 << 63)];
         let columns: Vec<usize> = [1, 3].into_iter().chain(64..128).chain([191]).collect();
         gather(&mut all);
-        let found: Vec<usize> = all.iter().flat_map(|candidates| candidates.columns(candidates.open)).collect();
+        let found: Vec<usize> =
+            all.iter().flat_map(|candidates| candidates.columns(candidates.open)).collect();
         assert_eq!((found, all.len()), (columns, 2));
         let depths = |all: &Candidates<()>| (all.strip.inverse_depth[0], all.strip.inverse_depth[2]);
         assert_eq!((depths(&all[0]), depths(&all[1]).0), ((2.0, 65.0), 127.0));

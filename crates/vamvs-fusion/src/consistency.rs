@@ -115,7 +115,7 @@ impl<'a> Rule<'a> {
     fn needed(&self, first: usize, y: usize) -> Lanes {
         let mut needed = [f32::INFINITY; LANES];
         let own = &self.reference.samples.row(y)[first..];
-        let factor = |own: &Sample| self.options.min_support / own.confidence().sqrt();
+        let factor = |own: &Sample| self.options.min_support / own.sureness();
         needed.iter_mut().zip(own).for_each(|(needed, own)| *needed = factor(own));
         for (needed, is_edge) in needed.iter_mut().zip(self.edges(first, y)) {
             *needed *= if is_edge { AT_EDGE } else { 1.0 };
@@ -217,7 +217,7 @@ widened! {
 fn count_any(answers: &Answers, margin: f32, tally: &mut Tally) {
     for lane in 0..LANES {
         let (error, angle) = (answers.error[lane], answers.parallax[lane] * (1.0 / FULL_PARALLAX));
-        let (angle, sure) = (at_most_1(angle), answers.confidence[lane].sqrt());
+        let (angle, sure) = (at_most_1(angle), answers.sureness[lane]);
         let agrees = error < 1.0;
         let sees_through = answers.nearest[lane] < (1.0 - margin) * answers.expected[lane];
         tally.views[lane] += if agrees { 1.0 } else { 0.0 };

@@ -71,7 +71,8 @@ impl RowFilter<'_> {
     fn keep(&self, y: usize, row: &mut [u64]) -> RowCount {
         let mut count = RowCount::default();
         let parts = self.reference.samples.row(y).chunks(LANES).enumerate();
-        let mut strips: Vec<Strip> = parts.map(|(number, part)| Strip::of_row(y, number * LANES, part)).collect();
+        let mut strips: Vec<Strip> =
+            parts.map(|(number, part)| Strip::of_row(y, number * LANES, part)).collect();
         if let Some(roi) = &self.roi {
             count.outside_roi = strips.iter_mut().map(|strip| roi.remove_outside(strip)).sum();
         }

@@ -286,8 +286,9 @@ fn measure_source_any(
         let clarity = fmax(cosine, LEAST_COSINE) * per_footprint;
         let ratio = fmin(clarity * means.per_clarity[lane], 1e3);
         depths[0][lane] = along;
-        depths[1][lane] = fmax(answers.confidence[lane], LEAST_CONFIDENCE) * detail;
-        means.sums.add(looks, (ratio * ratio * ratio * ratio, answers.confidence[lane]), lane);
+        let confidence = answers.sureness[lane] * answers.sureness[lane];
+        depths[1][lane] = fmax(confidence, LEAST_CONFIDENCE) * detail;
+        means.sums.add(looks, (ratio * ratio * ratio * ratio, confidence), lane);
     }
 }
 

@@ -92,8 +92,10 @@ impl Merger<'_> {
     /// The kept pixels of a row whose places no view of higher priority takes.
     fn first_comers(&self, y: usize, answers: &mut Answers) -> Vec<usize> {
         let parts = self.reference.filtered.samples.row(y).chunks(LANES).zip(self.kept.row(y)).enumerate();
-        let candidates = |(number, (samples, &kept))| {
-            Candidates { strip: Strip::of_row(y, number * LANES, samples), more: (), open: kept }
+        let candidates = |(number, (samples, &kept))| Candidates {
+            strip: Strip::of_row(y, number * LANES, samples),
+            more: (),
+            open: kept,
         };
         let mut all: Vec<Candidates<()>> = parts.map(candidates).collect();
         for other in &self.others {

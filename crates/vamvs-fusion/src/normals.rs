@@ -127,7 +127,10 @@ fn padded_rows(view: &FilteredView, y: usize) -> Vec<Vec<f32>> {
     let padded = |j: usize| {
         let mut row = vec![0.0; size.width + 2 * RADIUS + LANES];
         if let Some(j) = j.checked_sub(RADIUS).filter(|&j| j < size.height) {
-            row[RADIUS..].iter_mut().zip(view.samples.row(j)).for_each(|(to, sample)| *to = sample.inverse_depth());
+            row[RADIUS..]
+                .iter_mut()
+                .zip(view.samples.row(j))
+                .for_each(|(to, sample)| *to = sample.inverse_depth());
         }
         row
     };

@@ -35,8 +35,8 @@ pub(crate) struct Answers {
     pub inverse_depth: Lanes,
     /// The index of the source's pixel in its rasters.
     pub pixel: Lanes<u32>,
-    /// The confidence of that pixel.
-    pub confidence: Lanes,
+    /// The square root of that pixel's confidence.
+    pub sureness: Lanes,
     /// The source's surface point as a homogeneous pixel of the reference view, divided by the
     /// source depth.
     pub back: [Lanes; 3],
@@ -72,7 +72,7 @@ impl Answers {
             error: [f32::INFINITY; LANES],
             inverse_depth: none,
             pixel: [0; LANES],
-            confidence: none,
+            sureness: none,
             back: [none; 3],
             parallax: none,
             expected: none,
@@ -162,12 +162,7 @@ fn project(pair: &Pair<'_>, strip: &Strip, number: usize, answers: &mut Answers)
     let (columns, inverse_depths) = (block(&strip.x, number), block(&strip.inverse_depth, number));
     let parallax = block_mut(&mut answers.parallax, number);
     let none = [0.0; BLOCK];
-    let mut seen = Seen {
-        at: [none; 2],
-        inverse_depth: none,
-        corner: [none; 2],
-        place: [0; BLOCK],
-    };
+    let mut seen = Seen { at: [none; 2], inverse_depth: none, corner: [none; 2], place: [0; BLOCK] };
     for lane in 0..BLOCK {
         let (x, w) = (columns[lane], inverse_depths[lane]);
         let z = m[(2, 0)] * x + row_z + o.z * w;
@@ -252,7 +247,7 @@ fn sample(
     let max_spread = pair.max_relative_depth;
     let inverse_depth = block_mut(&mut answers.inverse_depth, number);
     let pixel = block_mut(&mut answers.pixel, number);
-    let confidence = block_mut(&mut answers.confidence, number);
+    let sureness = block_mut(&mut answers.sureness, number);
     let expected = block_mut(&mut answers.expected, number);
     let closest = block_mut(&mut answers.nearest, number);
     let mut at = [[0.0; BLOCK]; 2];
@@ -265,11 +260,14 @@ fn sample(
         let (upper, lower) = (a + s * (b - a), c + s * (d - c));
         let smooth = (lowest > 0.0) & (highest - lowest <= max_spread * lowest);
         let (is_right, is_lower) = (s >= 0.5, t >= 0.5);
-        let (row_left, row_right) =
-            if is_lower { (corners[2][lane], corners[3][lane]) } else { (corners[0][lane], corners[1][lane]) };
+        let (row_left, row_right) = if is_lower {
+            (corners[2][lane], corners[3][lane])
+        } else {
+            (corners[0][lane], corners[1][lane])
+        };
         let nearest = if is_right { row_right } else { row_left };
         inverse_depth[lane] = if smooth { upper + t * (lower - upper) } else { nearest.inverse_depth() };
-        confidence[lane] = nearest.confidence();
+        sureness[lane] = nearest.sureness();
         pixel[lane] = seen.place[lane] + u32::from(is_right) + if is_lower { width } else { 0 };
         expected[lane] = seen.inverse_depth[lane];
         closest[lane] = if lowest > 0.0 { highest } else { f32::INFINITY };

@@ -2,20 +2,20 @@
 
 /// The inverse depth and the confidence of a pixel.
 ///
-/// Fusion reads pixels of other views four at a time; two that are side by side take eight bytes. An inverse depth has 18 significant bits (its relative error is at most 4·10⁻⁶), a confidence
-/// seven bits.
+/// Fusion reads pixels of other views four at a time; two that are side by side take eight bytes. An inverse depth has 18 significant bits (its relative error is at most 4·10⁻⁶), the square
+/// root of a confidence, by which votes are weighted, seven bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(transparent)]
 pub(crate) struct Sample(u32);
 
-/// Bits of a confidence.
-const CONFIDENCE_BITS: u32 = 7;
+/// Bits of the root of a confidence.
+const SURENESS_BITS: u32 = 7;
 
-/// The word of confidence 1.
-const SURE: u32 = (1 << CONFIDENCE_BITS) - 1;
+/// These bits for confidence 1.
+const SURE: u32 = (1 << SURENESS_BITS) - 1;
 
-/// Bits that are rounded off an inverse depth. Its sign, which is positive, makes room for one more bit of the confidence.
-const ROUNDED_BITS: u32 = CONFIDENCE_BITS - 1;
+/// Bits that are rounded off an inverse depth. Its sign, which is positive, makes room for one more bit.
+const ROUNDED_BITS: u32 = SURENESS_BITS - 1;
 
 impl Sample {
     /// A pixel without a depth.
@@ -26,22 +26,27 @@ impl Sample {
     pub fn new(inverse_depth: f32, confidence: f32) -> Self {
         let depth = (inverse_depth.to_bits() + (1 << (ROUNDED_BITS - 1))) >> ROUNDED_BITS;
         // SAFETY: the caller's confidence is between 0 and 1.
-        let sure: i32 = unsafe { (confidence * SURE as f32 + 0.5).to_int_unchecked() };
+        let sure: i32 = unsafe { (confidence.sqrt() * SURE as f32 + 0.5).to_int_unchecked() };
         let least = i32::from(confidence > 0.0);
         let sure = if sure > least { sure } else { least };
-        Self(depth << CONFIDENCE_BITS | sure as u32)
+        Self(depth << SURENESS_BITS | sure as u32)
     }
 
     /// The inverse depth, 0 if there is none.
     #[inline(always)]
     pub fn inverse_depth(self) -> f32 {
-        f32::from_bits(self.0 >> CONFIDENCE_BITS << ROUNDED_BITS)
+        f32::from_bits(self.0 >> SURENESS_BITS << ROUNDED_BITS)
+    }
+
+    /// The square root of the confidence, 0 to 1.
+    #[inline(always)]
+    pub fn sureness(self) -> f32 {
+        (self.0 & SURE) as i32 as f32 * (1.0 / SURE as f32)
     }
 
     /// The confidence, 0 to 1.
-    #[inline(always)]
     pub fn confidence(self) -> f32 {
-        (self.0 & SURE) as i32 as f32 * (1.0 / SURE as f32)
+        self.sureness() * self.sureness()
     }
 }
 
@@ -90,7 +95,10 @@ mod tests {
                 assert_eq!(sample.confidence() > 0.0, confidence > 0.0);
             }
         }
-        assert_eq!((Sample::new(0.25, 1.0).inverse_depth(), Sample::new(0.25, 1.0).confidence()), (0.25, 1.0));
+        assert_eq!(
+            (Sample::new(0.25, 1.0).inverse_depth(), Sample::new(0.25, 1.0).confidence()),
+            (0.25, 1.0)
+        );
         assert_eq!((Sample::NONE.inverse_depth(), Sample::NONE.confidence()), (0.0, 0.0));
     }
 
