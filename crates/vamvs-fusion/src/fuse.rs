@@ -20,7 +20,7 @@ pub struct FuseJob<'a, S: ?Sized> {
     pub options: &'a FuseOptions,
     /// Where points are wanted; `None` for everywhere.
     pub roi: Option<Roi>,
-    /// Limit of memory, bytes: for loaded depth maps (8 bytes a pixel in the first pass, 16 in the
+    /// Limit of memory, bytes: for loaded depth maps (4 bytes a pixel in the first pass, 12 in the
     /// second), for loading them, and for one bit for each pixel of all views. A view and its
     /// neighbours are held together even if that takes more; see [`FuseReport::memory`].
     pub memory: usize,

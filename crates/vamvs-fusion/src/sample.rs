@@ -21,10 +21,11 @@ impl Sample {
     /// A pixel without a depth.
     pub const NONE: Self = Self(0);
 
-    /// A pixel with a positive inverse depth and a confidence, 0 to 1. A positive confidence stays positive.
+    /// A pixel with a positive inverse depth and a confidence, 0 to 1. A positive confidence stays positive. Of another
+    /// inverse depth the result has no meaning.
     #[inline(always)]
     pub fn new(inverse_depth: f32, confidence: f32) -> Self {
-        let depth = (inverse_depth.to_bits() + (1 << (ROUNDED_BITS - 1))) >> ROUNDED_BITS;
+        let depth = inverse_depth.to_bits().wrapping_add(1 << (ROUNDED_BITS - 1)) >> ROUNDED_BITS;
         // SAFETY: the caller's confidence is between 0 and 1.
         let sure: i32 = unsafe { (confidence.sqrt() * SURE as f32 + 0.5).to_int_unchecked() };
         let least = i32::from(confidence > 0.0);

@@ -131,7 +131,10 @@ fn masked_and_unconfident_pixels_take_no_part() {
     let map = &views[0].map;
     for point in &cloud {
         assert_eq!(point.views, 3);
-        assert!((point.confidence - 0.9).abs() < 0.004, "(1 + 0.7 + 1) / 3, with seven bits of the root of each");
+        assert!(
+            (point.confidence - 0.9).abs() < 0.004,
+            "(1 + 0.7 + 1) / 3, with seven bits of the root of each"
+        );
         assert!(point.colour[0] <= 20 && point.colour[1..] == [100, 200], "between 0, 10 and 20 in red");
         let x_in_cam = map.cam_from_world.transform(&Vector3::from(point.x_in_world));
         assert!(map.camera.intrinsics.project(&x_in_cam).x > SIZE.width as f64 / 2.0 - 1e-3);
