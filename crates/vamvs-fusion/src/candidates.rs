@@ -1,19 +1,19 @@
 //! Pixels of a row that are not decided yet.
 //!
-//! Views are asked about them one after the other, and most are soon decided. Those that are left move together, so that
-//! no strip is projected for a few pixels.
+//! Views are asked about them one after the other, and most are soon decided. Before the next view those that are left are
+//! packed into fewer strips, so that none is projected for a few pixels.
 
-use crate::lanes::{LANES, first_lanes, set_bits};
+use crate::lanes::{BLOCK, LANES, first_lanes, set_bits};
 use crate::round_trip::Strip;
 
-/// Candidates move together if that frees at least this share of their lanes.
+/// Candidates move together if that frees at least this share of the blocks in which some are open.
 const FREED: f32 = 0.25;
 
-/// Candidates, one a lane, with more values for each.
+/// Candidates, one a lane, with values of each. Lanes that are not open may hold pixels that were moved.
 #[derive(Clone, Debug)]
 pub(crate) struct Candidates<T> {
     pub strip: Strip,
-    pub more: T,
+    pub values: T,
     /// Those that are not decided, one bit each.
     pub open: u64,
 }
@@ -43,19 +43,26 @@ impl<T: Lanewise> Candidates<T> {
     }
 
     fn lane(&self, lane: usize) -> (f32, f32, T::Lane) {
-        (self.strip.x[lane], self.strip.inverse_depth[lane], self.more.lane(lane))
+        (self.strip.x[lane], self.strip.inverse_depth[lane], self.values.lane(lane))
     }
 
-    fn set_lane(&mut self, lane: usize, (x, inverse_depth, more): (f32, f32, T::Lane)) {
+    fn set_lane(&mut self, lane: usize, (x, inverse_depth, values): (f32, f32, T::Lane)) {
         (self.strip.x[lane], self.strip.inverse_depth[lane]) = (x, inverse_depth);
-        self.more.set_lane(lane, more);
+        self.values.set_lane(lane, values);
     }
 }
 
-/// Moves the open candidates together, in their order, if that is worth it.
-pub(crate) fn gather<T: Lanewise>(all: &mut Vec<Candidates<T>>) {
+/// The number of blocks with an open lane.
+fn open_blocks(open: u64) -> usize {
+    (0..LANES / BLOCK).filter(|number| open >> (number * BLOCK) & ((1 << BLOCK) - 1) != 0).count()
+}
+
+/// Drops strips without an open candidate, and moves the open ones together, in their order, if that is worth it.
+pub(crate) fn move_together<T: Lanewise>(all: &mut Vec<Candidates<T>>) {
+    all.retain(|candidates| candidates.open != 0);
+    let blocks: usize = all.iter().map(|candidates| open_blocks(candidates.open)).sum();
     let open: usize = all.iter().map(|candidates| candidates.open.count_ones() as usize).sum();
-    if open as f32 > (1.0 - FREED) * (LANES * all.len()) as f32 {
+    if open.div_ceil(BLOCK) as f32 > (1.0 - FREED) * blocks as f32 {
         return;
     }
     let mut moved = 0;
@@ -84,14 +91,15 @@ mod tests {
                 (strip.x[lane], strip.inverse_depth[lane]) =
                     ((first + lane) as f32 + 0.5, 1.0 + (first + lane) as f32);
             }
-            Candidates { strip, more: (), open }
+            Candidates { strip, values: (), open }
         };
         let mut all = vec![candidates(0, u64::MAX), candidates(64, u64::MAX >> 1), candidates(128, u64::MAX)];
-        gather(&mut all);
+        move_together(&mut all);
         assert_eq!(all.len(), 3, "one lane is not worth it");
-        let mut all = vec![candidates(0, 0b1010), candidates(64, u64::MAX), candidates(128, 1 << 63)];
-        let columns: Vec<usize> = [1, 3].into_iter().chain(64..128).chain([191]).collect();
-        gather(&mut all);
+        let sparse = 1 << 63 | 1 << 40 | 1;
+        let mut all = vec![candidates(0, 0b1010), candidates(64, u64::MAX), candidates(128, sparse)];
+        let columns: Vec<usize> = [1, 3].into_iter().chain(64..128).chain([128, 168, 191]).collect();
+        move_together(&mut all);
         let found: Vec<usize> =
             all.iter().flat_map(|candidates| candidates.columns(candidates.open)).collect();
         assert_eq!((found, all.len()), (columns, 2));
@@ -99,7 +107,7 @@ mod tests {
         assert_eq!((depths(&all[0]), depths(&all[1]).0), ((2.0, 65.0), 127.0));
         all[0].open = 0;
         all[1].open = 0;
-        gather(&mut all);
+        move_together(&mut all);
         assert!(all.is_empty());
     }
 }

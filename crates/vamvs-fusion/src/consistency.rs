@@ -15,7 +15,7 @@
     reason = "one lane of many arrays at a time, as the compiler turns into vectors"
 )]
 
-use crate::candidates::{Candidates, Lanewise, gather};
+use crate::candidates::{Candidates, Lanewise, move_together};
 use crate::lanes::{LANES, Lanes, bits};
 use crate::pair::Pair;
 use crate::photometric::FilteredView;
@@ -80,15 +80,15 @@ impl<'a> Rule<'a> {
     pub fn confirm(&self, strips: &[Strip], y: usize, confirmed: &mut [u64]) {
         let candidates = |(number, strip): (usize, &Strip)| {
             let needed = self.needed(number * LANES, y);
-            let more = Tally { needed, views: [0.0; LANES], support: [0.0; LANES], against: [0.0; LANES] };
-            Candidates { open: bits(&strip.inverse_depth.map(|w| w > 0.0)), strip: strip.clone(), more }
+            let values = Tally { needed, views: [0.0; LANES], support: [0.0; LANES], against: [0.0; LANES] };
+            Candidates { open: bits(&strip.inverse_depth.map(|w| w > 0.0)), strip: strip.clone(), values }
         };
         let mut all: Vec<Candidates<Tally>> = strips.iter().enumerate().map(candidates).collect();
         let mut answers = Answers::new();
         for (done, pair) in self.pairs.iter().enumerate() {
             self.decide(&mut all, self.pairs.len() - done, confirmed);
-            gather(&mut all);
-            for Candidates { strip, more: tally, open } in &mut all {
+            move_together(&mut all);
+            for Candidates { strip, values: tally, open } in &mut all {
                 ask(pair, strip, *open, &mut answers);
                 count(&answers, CLEARLY_BEHIND * self.options.max_relative_depth, tally);
             }
@@ -101,7 +101,7 @@ impl<'a> Rule<'a> {
     fn decide(&self, all: &mut [Candidates<Tally>], rest: usize, confirmed: &mut [u64]) {
         for candidates in all {
             let (mut at_best, mut at_worst) = ([false; LANES], [false; LANES]);
-            foresee(&self.votes, &candidates.more, rest, [&mut at_best, &mut at_worst]);
+            foresee(&self.votes, &candidates.values, rest, [&mut at_best, &mut at_worst]);
             let (at_best, at_worst) = (bits(&at_best), bits(&at_worst));
             for x in candidates.columns(candidates.open & at_worst) {
                 confirmed[x / LANES] |= 1 << (x % LANES);
@@ -219,7 +219,7 @@ fn count_any(answers: &Answers, margin: f32, tally: &mut Tally) {
         let (error, angle) = (answers.error[lane], answers.parallax[lane] * (1.0 / FULL_PARALLAX));
         let (angle, sure) = (at_most_1(angle), answers.sureness[lane]);
         let agrees = error < 1.0;
-        let sees_through = answers.nearest[lane] < (1.0 - margin) * answers.expected[lane];
+        let sees_through = answers.nearest_inverse_depth[lane] < (1.0 - margin) * answers.expected[lane];
         tally.views[lane] += if agrees { 1.0 } else { 0.0 };
         tally.support[lane] += if agrees { (1.0 - error) * angle * sure } else { 0.0 };
         tally.against[lane] += if sees_through { sure } else { 0.0 };

@@ -13,6 +13,7 @@ use crate::lanes::{LANES, Lanes, first_lanes, fmax, fmin, set_bits};
 use crate::packed_normal::PackedNormal;
 use crate::pair::Pair;
 use crate::photometric::focal;
+use crate::points::USUAL_VIEWS;
 use crate::round_trip::{Answers, PREFETCH_ROWS, prefetch};
 use crate::wide::widened;
 
@@ -123,7 +124,7 @@ impl<'a> Means<'a> {
             per_slant: none,
             per_clarity: none,
             sums: Sums::none(),
-            measured: [const { Vec::new() }; LANES],
+            measured: std::array::from_fn(|_| Vec::with_capacity(USUAL_VIEWS)),
             values: Vec::new(),
         }
     }

@@ -13,7 +13,7 @@ use vamvs_core::Size;
 use crate::FusedPoints;
 use crate::appearance::SeenView;
 use crate::bits::BitGrid;
-use crate::candidates::{Candidates, gather};
+use crate::candidates::{Candidates, move_together};
 use crate::geometric::RoiTest;
 use crate::lanes::{LANES, Lanes, bits, first_lanes, set_bits};
 use crate::mean::{Means, Viewpoint};
@@ -94,12 +94,12 @@ impl Merger<'_> {
         let parts = self.reference.filtered.samples.row(y).chunks(LANES).zip(self.kept.row(y)).enumerate();
         let candidates = |(number, (samples, &kept))| Candidates {
             strip: Strip::of_row(y, number * LANES, samples),
-            more: (),
+            values: (),
             open: kept,
         };
         let mut all: Vec<Candidates<()>> = parts.map(candidates).collect();
         for other in &self.others {
-            gather(&mut all);
+            move_together(&mut all);
             for Candidates { strip, open, .. } in &mut all {
                 let may_be_taken = *open & self.may_come_first(other, strip);
                 if may_be_taken != 0 {

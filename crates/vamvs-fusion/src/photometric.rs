@@ -9,7 +9,6 @@ use rayon::prelude::*;
 use vamvs_core::depth_map::is_valid;
 use vamvs_core::{Grid, Pinhole, Pose, Size};
 
-use crate::lanes::{fmax, fmin};
 use crate::sample::Sample;
 use crate::wide::widened;
 use crate::{FuseError, FuseOptions, MapSource, MaskedMap, ViewReport};
@@ -145,8 +144,7 @@ fn filter_pixels_any(pixels: &Pixels<'_>, samples: &mut [Sample], removed: &mut 
         masked += u32::from(with_depth & !mask[x]);
         unconfident += u32::from(with_depth & mask[x] & !confident);
         let passes = with_depth & mask[x] & confident;
-        let confidence = fmax(fmin(confidence[x], 1.0), 0.0);
-        let sample = Sample::new(1.0 / depth[x], confidence);
+        let sample = Sample::new(1.0 / depth[x], confidence[x]);
         samples[x] = if passes { sample } else { Sample::NONE };
     }
     *removed = Removed { without_depth, masked, unconfident };

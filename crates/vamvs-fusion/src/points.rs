@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use vamvs_core::CloudPoint;
 
 /// Views that agree on a point, about: what is reserved for them.
-const USUAL_VIEWS: usize = 8;
+pub(crate) const USUAL_VIEWS: usize = 8;
 
 /// Points, each with the numbers of the views that agree on it; the view that made it comes first.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -21,7 +21,7 @@ pub(crate) struct Strip {
     pub y: f32,
     /// Image coordinates of the pixels' centres.
     pub x: Lanes,
-    /// Inverse depths; 0 for lanes without a pixel.
+    /// Inverse depths; 0 for lanes without a pixel, or anything where only some lanes are asked about.
     pub inverse_depth: Lanes,
 }
 
@@ -42,10 +42,11 @@ pub(crate) struct Answers {
     pub back: [Lanes; 3],
     /// The triangulation angle, radians, in small-angle approximation.
     pub parallax: Lanes,
-    /// The point's own inverse depth in the source view.
+    /// The point's own inverse depth in the source view, 0 outside of the image.
     pub expected: Lanes,
-    /// The inverse of the nearest of the source's four depths around; infinite where it sees nothing.
-    pub nearest: Lanes,
+    /// The inverse of the nearest of the source's four depths around; infinite where one of them is missing. Where nothing is
+    /// expected it has no meaning; in blocks that were not asked it is infinite.
+    pub nearest_inverse_depth: Lanes,
 }
 
 impl Strip {
@@ -76,7 +77,7 @@ impl Answers {
             back: [none; 3],
             parallax: none,
             expected: none,
-            nearest: [f32::INFINITY; LANES],
+            nearest_inverse_depth: [f32::INFINITY; LANES],
         }
     }
 
@@ -118,7 +119,7 @@ fn ask_any(pair: &Pair<'_>, strip: &Strip, open: u64, answers: &mut Answers) {
         let is_open = open >> (number * BLOCK) & ((1 << BLOCK) - 1) != 0;
         if !(is_open && has_surface && ask_block(pair, strip, number, answers)) {
             *block_mut(&mut answers.error, number) = [f32::INFINITY; BLOCK];
-            *block_mut(&mut answers.nearest, number) = [f32::INFINITY; BLOCK];
+            *block_mut(&mut answers.nearest_inverse_depth, number) = [f32::INFINITY; BLOCK];
         }
     }
 }
@@ -249,7 +250,7 @@ fn sample(
     let pixel = block_mut(&mut answers.pixel, number);
     let sureness = block_mut(&mut answers.sureness, number);
     let expected = block_mut(&mut answers.expected, number);
-    let closest = block_mut(&mut answers.nearest, number);
+    let frontmost = block_mut(&mut answers.nearest_inverse_depth, number);
     let mut at = [[0.0; BLOCK]; 2];
     for lane in 0..BLOCK {
         let (a, b) = (corners[0][lane].inverse_depth(), corners[1][lane].inverse_depth());
@@ -270,7 +271,7 @@ fn sample(
         sureness[lane] = nearest.sureness();
         pixel[lane] = seen.place[lane] + u32::from(is_right) + if is_lower { width } else { 0 };
         expected[lane] = seen.inverse_depth[lane];
-        closest[lane] = if lowest > 0.0 { highest } else { f32::INFINITY };
+        frontmost[lane] = if lowest > 0.0 { highest } else { f32::INFINITY };
         let centre = (left + if is_right { 1.5 } else { 0.5 }, top + if is_lower { 1.5 } else { 0.5 });
         at[0][lane] = if smooth { seen.at[0][lane] } else { centre.0 };
         at[1][lane] = if smooth { seen.at[1][lane] } else { centre.1 };
@@ -399,13 +400,13 @@ mod tests {
         let mut answers = Answers::new();
         let mut asked = |open| {
             ask(&pair, &strip, open, &mut answers);
-            (answers.agreeing(), answers.nearest.map(f32::is_finite))
+            (answers.agreeing(), answers.nearest_inverse_depth.map(f32::is_finite))
         };
         // Pixels left of column 25 are outside of the source view.
         assert_eq!(asked(u64::MAX).0, u64::MAX << 9);
-        let (agreeing, behind) = asked(1 << 20 | 1 << 63);
+        let (agreeing, is_seen) = asked(1 << 20 | 1 << 63);
         assert_eq!(agreeing, 0xffff_0000_ffff_0000, "what was answered before is gone");
-        assert_eq!(bits(&behind), agreeing);
+        assert_eq!(bits(&is_seen), agreeing);
     }
 
     #[test]
@@ -427,7 +428,7 @@ mod tests {
         let options = FuseOptions::default();
         let found = |source: &FilteredView| {
             let answers = answer(source, 50.5, 0.25, &options);
-            (answers.expected[17], answers.nearest[17])
+            (answers.expected[17], answers.nearest_inverse_depth[17])
         };
         let (expected, nearest) = found(&wall(1.0, 5.0, &options));
         assert!((expected - 0.25).abs() < 1e-6 && (nearest - 0.2).abs() < 1e-6);
@@ -435,7 +436,7 @@ mod tests {
         edge[(25, 30)] = 4.0;
         let source = view(1.0, edge, &options);
         assert!((found(&source).1 - 0.25).abs() < 1e-6, "one of the pixels around is near");
-        assert_eq!(answer(&source, 24.5, 0.25, &options).nearest[17], f32::INFINITY, "outside");
+        assert_eq!(answer(&source, 24.5, 0.25, &options).nearest_inverse_depth[17], f32::INFINITY, "outside");
     }
 
     #[test]

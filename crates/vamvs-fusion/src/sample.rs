@@ -1,15 +1,17 @@
 //! What fusion keeps of a pixel of a depth map, in one word.
 
+use crate::lanes::{fmax, fmin};
+
 /// The inverse depth and the confidence of a pixel.
 ///
-/// Fusion reads pixels of other views four at a time; two that are side by side take eight bytes. An inverse depth has 18 significant bits (its relative error is at most 4·10⁻⁶), the square
-/// root of a confidence, by which votes are weighted, seven bits.
+/// Fusion reads four neighbouring pixels of another view at a time, as two pairs of eight bytes. An inverse depth has 19 significant bits (its relative error is at most 2·10⁻⁶), the square
+/// root of a confidence, by which votes are weighted, six bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(transparent)]
 pub(crate) struct Sample(u32);
 
 /// Bits of the root of a confidence.
-const SURENESS_BITS: u32 = 7;
+const SURENESS_BITS: u32 = 6;
 
 /// These bits for confidence 1.
 const SURE: u32 = (1 << SURENESS_BITS) - 1;
@@ -21,12 +23,14 @@ impl Sample {
     /// A pixel without a depth.
     pub const NONE: Self = Self(0);
 
-    /// A pixel with a positive inverse depth and a confidence, 0 to 1. A positive confidence stays positive. Of another
-    /// inverse depth the result has no meaning.
+    /// A pixel with a positive inverse depth and a confidence, which is clamped to 0 to 1; a positive one stays positive.
+    /// Of another inverse depth the result has no meaning.
     #[inline(always)]
     pub fn new(inverse_depth: f32, confidence: f32) -> Self {
         let depth = inverse_depth.to_bits().wrapping_add(1 << (ROUNDED_BITS - 1)) >> ROUNDED_BITS;
-        // SAFETY: the caller's confidence is between 0 and 1.
+        // Not NaN either: `fmin` gives its second argument then.
+        let confidence = fmax(fmin(confidence, 1.0), 0.0);
+        // SAFETY: it is between 0 and 1.
         let sure: i32 = unsafe { (confidence.sqrt() * SURE as f32 + 0.5).to_int_unchecked() };
         let least = i32::from(confidence > 0.0);
         let sure = if sure > least { sure } else { least };
@@ -60,17 +64,19 @@ pub(crate) unsafe fn pairs(samples: &[Sample], places: [u32; 4]) -> [[Sample; 4]
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{
-            _mm_castpd_ps, _mm_castps_si128, _mm_load_sd, _mm_loadh_pd, _mm_shuffle_ps, _mm_storeu_si128,
+            _mm_castps_si128, _mm_castsi128_ps, _mm_loadl_epi64, _mm_shuffle_ps, _mm_storeu_si128,
+            _mm_unpacklo_epi64,
         };
         let [a, b, c, d] = places;
         let mut pairs = [[Sample::NONE; 4]; 2];
-        // SAFETY: the caller says that both samples are there. SSE2 is part of the architecture.
+        // SAFETY: the caller says that both samples are there. The reads need no alignment, and SSE2 is part of the
+        // architecture.
         unsafe {
             let first = samples.as_ptr();
             let (a, b) = (first.add(a as usize).cast(), first.add(b as usize).cast());
             let (c, d) = (first.add(c as usize).cast(), first.add(d as usize).cast());
-            let (ab, cd) = (_mm_loadh_pd(_mm_load_sd(a), b), _mm_loadh_pd(_mm_load_sd(c), d));
-            let (ab, cd) = (_mm_castpd_ps(ab), _mm_castpd_ps(cd));
+            let ab = _mm_castsi128_ps(_mm_unpacklo_epi64(_mm_loadl_epi64(a), _mm_loadl_epi64(b)));
+            let cd = _mm_castsi128_ps(_mm_unpacklo_epi64(_mm_loadl_epi64(c), _mm_loadl_epi64(d)));
             let (left, right) = (_mm_shuffle_ps::<0x88>(ab, cd), _mm_shuffle_ps::<0xdd>(ab, cd));
             _mm_storeu_si128(pairs[0].as_mut_ptr().cast(), _mm_castps_si128(left));
             _mm_storeu_si128(pairs[1].as_mut_ptr().cast(), _mm_castps_si128(right));
@@ -91,8 +97,8 @@ mod tests {
         for inverse_depth in [1.0e-30_f32, 0.123_456_79, 0.999_999_9, 1.0, 3.3, 7.7e12] {
             for confidence in [0.0_f32, 1e-6, 0.3, 0.5, 0.999, 1.0] {
                 let sample = Sample::new(inverse_depth, confidence);
-                assert!((sample.inverse_depth() / inverse_depth - 1.0).abs() < 3.9e-6);
-                assert!((sample.confidence() - confidence).abs() < 1.0 / f32::from(SURE as u8));
+                assert!((sample.inverse_depth() / inverse_depth - 1.0).abs() < 2e-6);
+                assert!((sample.confidence() - confidence).abs() < 1.0 / SURE as f32);
                 assert_eq!(sample.confidence() > 0.0, confidence > 0.0);
             }
         }

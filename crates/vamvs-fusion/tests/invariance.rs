@@ -149,14 +149,14 @@ fn transformed(view: &FusionView, scale: f64, offset: &Vector3<f64>) -> FusionVi
     moved
 }
 
-/// Inverse depths are rounded to 18 bits, elsewhere at each scale. That may tip a pixel that is just at a threshold, but
+/// Inverse depths are rounded to 19 bits, elsewhere at each scale. That may tip a pixel that is just at a threshold, but
 /// few of them.
 fn assert_same_points(expected: &Cloud, cloud: &Cloud, scale: f64, offset: &Vector3<f64>) {
     let (mut same, mut candidates) = (0, cloud.iter().peekable());
     for point in expected {
         let x = Vector3::from(point.x_in_world);
         let is_same = |other: &&vamvs_core::CloudPoint| {
-            ((Vector3::from(other.x_in_world) - offset) / scale - x).norm() < 4e-5
+            ((Vector3::from(other.x_in_world) - offset) / scale - x).norm() < 2e-5
                 && other.colour == point.colour
                 && other.views == point.views
         };

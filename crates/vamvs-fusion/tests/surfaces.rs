@@ -51,8 +51,8 @@ fn points_and_normals_are_those_of_the_surface() {
         for point in &cloud {
             let x = Vector3::from(point.x_in_world);
             let error = surface.distance(&x).abs() / DISTANCE;
-            // Fusion keeps 18 bits of an inverse depth.
-            assert!(error < if is_plane { 4e-6 } else { 1e-3 }, "{surface:?}: {error} at {x}");
+            // Fusion keeps 19 bits of an inverse depth.
+            assert!(error < if is_plane { 2e-6 } else { 1e-3 }, "{surface:?}: {error} at {x}");
             off += usize::from(error > 1e-4);
             let normal = Vector3::from(point.normal).cast::<f64>();
             assert!((normal.norm() - 1.0).abs() < 1e-6);
@@ -133,7 +133,7 @@ fn masked_and_unconfident_pixels_take_no_part() {
         assert_eq!(point.views, 3);
         assert!(
             (point.confidence - 0.9).abs() < 0.004,
-            "(1 + 0.7 + 1) / 3, with seven bits of the root of each"
+            "(1 + 0.7 + 1) / 3, with six bits of the root of each"
         );
         assert!(point.colour[0] <= 20 && point.colour[1..] == [100, 200], "between 0, 10 and 20 in red");
         let x_in_cam = map.cam_from_world.transform(&Vector3::from(point.x_in_world));
