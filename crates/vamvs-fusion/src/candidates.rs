@@ -3,14 +3,13 @@
 //! Views are asked about them one after the other, and most are soon decided. Before the next view those that are left are
 //! packed into fewer strips, so that none is projected for a few pixels.
 
-use crate::lanes::{BLOCK, LANES, first_lanes, set_bits};
+use crate::lanes::{BLOCK, LANES, any_of_block, first_lanes, set_bits};
 use crate::round_trip::Strip;
 
 /// Candidates move together if that frees at least this share of the blocks in which some are open.
 const FREED: f32 = 0.25;
 
 /// Candidates, one a lane, with values of each. Lanes that are not open may hold pixels that were moved.
-#[derive(Clone, Debug)]
 pub(crate) struct Candidates<T> {
     pub strip: Strip,
     pub values: T,
@@ -52,15 +51,13 @@ impl<T: Lanewise> Candidates<T> {
     }
 }
 
-/// The number of blocks with an open lane.
-fn open_blocks(open: u64) -> usize {
-    (0..LANES / BLOCK).filter(|number| open >> (number * BLOCK) & ((1 << BLOCK) - 1) != 0).count()
-}
-
 /// Drops strips without an open candidate, and moves the open ones together, in their order, if that is worth it.
 pub(crate) fn move_together<T: Lanewise>(all: &mut Vec<Candidates<T>>) {
     all.retain(|candidates| candidates.open != 0);
-    let blocks: usize = all.iter().map(|candidates| open_blocks(candidates.open)).sum();
+    let open_blocks = |candidates: &Candidates<T>| {
+        (0..LANES / BLOCK).filter(|&number| any_of_block(candidates.open, number)).count()
+    };
+    let blocks: usize = all.iter().map(open_blocks).sum();
     let open: usize = all.iter().map(|candidates| candidates.open.count_ones() as usize).sum();
     if open.div_ceil(BLOCK) as f32 > (1.0 - FREED) * blocks as f32 {
         return;

@@ -46,7 +46,6 @@ pub(crate) struct Rule<'a> {
 }
 
 /// What the views asked so far answered for some pixels.
-#[derive(Clone, Debug)]
 struct Tally {
     /// The votes that each pixel needs.
     needed: Lanes,

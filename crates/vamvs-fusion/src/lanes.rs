@@ -49,6 +49,12 @@ pub(crate) fn first_lanes(count: usize) -> u64 {
     u64::MAX >> (LANES - count)
 }
 
+/// Whether a bit of a block is set.
+#[inline(always)]
+pub(crate) fn any_of_block(bits: u64, number: usize) -> bool {
+    bits >> (number * BLOCK) & ((1 << BLOCK) - 1) != 0
+}
+
 /// The lanes whose bits are set.
 pub(crate) fn set_bits(bits: u64) -> impl Iterator<Item = usize> {
     let first = |bits: u64| (bits != 0).then_some(bits);

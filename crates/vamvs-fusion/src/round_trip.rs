@@ -9,7 +9,9 @@
     reason = "one lane of many arrays at a time, as the compiler turns into vectors"
 )]
 
-use crate::lanes::{BLOCK, Block, LANES, Lanes, any_positive, bits, block, block_mut, fmax, fmin};
+use crate::lanes::{
+    BLOCK, Block, LANES, Lanes, any_of_block, any_positive, bits, block, block_mut, fmax, fmin,
+};
 use crate::pair::Pair;
 use crate::sample::{Sample, pairs};
 use crate::wide::widened;
@@ -116,8 +118,7 @@ fn ask_any(pair: &Pair<'_>, strip: &Strip, open: u64, answers: &mut Answers) {
     let size = pair.source.size();
     let has_surface = size.width >= 2 && size.height >= 2;
     for number in 0..LANES / BLOCK {
-        let is_open = open >> (number * BLOCK) & ((1 << BLOCK) - 1) != 0;
-        if !(is_open && has_surface && ask_block(pair, strip, number, answers)) {
+        if !(any_of_block(open, number) && has_surface && ask_block(pair, strip, number, answers)) {
             *block_mut(&mut answers.error, number) = [f32::INFINITY; BLOCK];
             *block_mut(&mut answers.nearest_inverse_depth, number) = [f32::INFINITY; BLOCK];
         }
