@@ -1,10 +1,11 @@
 //! A set of photographs with known cameras, as read from a scene's files.
 
 use std::collections::HashSet;
+use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
 
-use crate::{Camera, DepthRange, Pose};
+use crate::{Camera, DepthRange, Pose, Size};
 
 /// One photograph's name, camera and pose.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,7 +92,7 @@ impl Scene {
     /// Checks what the types leave open: names, focal lengths, poses, depth ranges, and all indices of views.
     ///
     /// # Errors
-    /// If a view has no name, a focal length that is not positive, numbers that are not finite, or an invalid depth range;
+    /// If a view has no name, a focal length that is not plausible, numbers that are not finite, or an invalid depth range;
     /// if a point or a pair names a view that does not exist; if a list of source views holds the view itself, another one
     /// twice, or a score that is negative or not finite.
     pub fn validate(&self) -> Result<(), SceneError> {
@@ -147,17 +148,29 @@ impl View {
             Some(format!("expected positive focal lengths and a finite principal point, got {k:?}"))
         } else if !pose.rotation.iter().chain(&pose.translation).all(|value| value.is_finite()) {
             Some("expected a finite pose".to_owned())
+        } else if ![k.fx, k.fy].iter().all(|focal| self.plausible_focal_lengths().contains(focal)) {
+            let Size { width, height } = self.camera.size;
+            Some(format!(
+                "expected focal lengths in pixels, 0.01 to 1000 times the longer side of {width}×{height}, got fx {}, fy {}",
+                k.fx, k.fy
+            ))
         } else {
             let DepthRange { near, far } = self.depth_range?;
             DepthRange::try_new(near, far).err().map(|error| error.to_string())
         }
+    }
+
+    /// From fields of view of nearly 180° to those of less than 0.1°: whoever means other units than pixels is beyond.
+    fn plausible_focal_lengths(&self) -> RangeInclusive<f64> {
+        let longer = self.camera.size.width.max(self.camera.size.height) as f64;
+        0.01 * longer..=1000.0 * longer
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Intrinsics, Lens, Size};
+    use crate::{Intrinsics, Lens};
 
     fn scene() -> Scene {
         let intrinsics = Intrinsics { fx: 100.0, fy: 100.0, cx: 32.0, cy: 24.0 };
@@ -178,9 +191,11 @@ mod tests {
     fn contradictions_are_named() {
         assert_eq!(scene().validate(), Ok(()));
         type Change = fn(&mut Scene);
-        let changes: [(Change, &str); 9] = [
+        let changes: [(Change, &str); 11] = [
             (|scene| scene.views[1].name.clear(), "view 1: expected a name"),
             (|scene| scene.views[2].camera.intrinsics.fx = -1.0, "view 2 (2.png): expected positive focal"),
+            (|scene| scene.views[2].camera.intrinsics.fx = 0.6, "longer side of 64×48, got fx 0.6, fy 100"),
+            (|scene| scene.views[2].camera.intrinsics.fy = 1e5, "focal lengths in pixels"),
             (|scene| scene.views[0].cam_from_world.translation.x = f64::NAN, "finite pose"),
             (|scene| scene.views[0].depth_range = Some(DepthRange { near: 8.0, far: 2.0 }), "view 0"),
             (|scene| scene.points[0].views.push(3), "point 0: expected views below 3, got 3"),

@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use vamvs_core::Camera;
 
 use super::camera;
-use super::model::{self, Image, Model, Observation, Point};
+use super::model::{self, Image, Keypoints, Model, Observation, Point};
 use crate::bytes::ByteReader;
 use crate::{IoError, atomic};
 
@@ -29,13 +29,6 @@ const POINT_BYTES: u64 = 8 + 3 * 8 + 3 + 8 + 8;
 
 /// Size of a track's entry in bytes: image id, keypoint's index.
 const TRACK_BYTES: u64 = 2 * 4;
-
-/// Whether the images' keypoints are kept when a binary model is read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Keypoints {
-    Read,
-    Skip,
-}
 
 /// Reads the binary model in `folder`.
 pub(super) fn read(folder: &Path, keypoints: Keypoints) -> Result<Model, IoError> {

@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use super::binary::Keypoints;
-use super::model::Model;
+use super::model::{Keypoints, Model};
 use super::{binary, text, workspace};
 use crate::IoError;
 
@@ -21,8 +20,8 @@ impl Model {
         Self::read_with(folder, Keypoints::Read)
     }
 
-    /// Reads the model in `folder` as [`Model::read`] does, but skips the images' keypoints in binary files. The
-    /// keypoints make up most of a model, and the points' tracks already say which image sees which point.
+    /// Reads the model in `folder` as [`Model::read`] does, but skips the images' keypoints. They
+    /// make up most of a model, and the points' tracks already say which image sees which point.
     ///
     /// # Errors
     /// As [`Model::read`].
@@ -33,7 +32,7 @@ impl Model {
     fn read_with(folder: &Path, keypoints: Keypoints) -> Result<Self, IoError> {
         let folder = &workspace::model(folder)?;
         let is_binary = folder.join("cameras.bin").is_file();
-        let model = if is_binary { binary::read(folder, keypoints)? } else { text::read(folder)? };
+        let model = if is_binary { binary::read(folder, keypoints)? } else { text::read(folder, keypoints)? };
         model.check(folder)?;
         Ok(model)
     }

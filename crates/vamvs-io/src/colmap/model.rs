@@ -20,6 +20,13 @@ pub struct Model {
     pub points: Vec<Point>,
 }
 
+/// Whether the images' keypoints are kept when a model is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Keypoints {
+    Read,
+    Skip,
+}
+
 /// A registered image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {

@@ -9,16 +9,16 @@ use nalgebra::Vector2;
 use vamvs_core::Camera;
 
 use super::camera;
-use super::model::{self, Image, Model, Observation, Point};
+use super::model::{self, Image, Keypoints, Model, Observation, Point};
 use crate::text::{Line, TextReader};
 use crate::{IoError, atomic};
 
 /// Reads the text model in `folder`.
-pub(super) fn read(folder: &Path) -> Result<Model, IoError> {
+pub(super) fn read(folder: &Path, keypoints: Keypoints) -> Result<Model, IoError> {
     let points = folder.join("points3D.txt");
     Ok(Model {
         cameras: read_cameras(&folder.join("cameras.txt"))?,
-        images: read_images(&folder.join("images.txt"))?,
+        images: read_images(&folder.join("images.txt"), keypoints)?,
         points: if points.is_file() { read_points(&points)? } else { Vec::new() },
     })
 }
@@ -70,13 +70,17 @@ fn parse_camera(line: Line) -> Result<(u32, Camera), IoError> {
     Ok((id, camera))
 }
 
-fn read_images(path: &Path) -> Result<Vec<Image>, IoError> {
+fn read_images(path: &Path, keypoints: Keypoints) -> Result<Vec<Image>, IoError> {
     let mut reader = TextReader::open(path)?;
     let mut images = Vec::new();
     while let Some(line) = reader.next_entry()? {
         let mut image = parse_image(line)?;
         if let Some(line) = reader.next_line()? {
-            image.observations = parse_observations(line, &image)?;
+            let count = count_observations(line, &image)?;
+            image.observations = match keypoints {
+                Keypoints::Read => parse_observations(line, count)?,
+                Keypoints::Skip => Vec::new(),
+            };
         }
         images.push(image);
     }
@@ -96,17 +100,22 @@ fn parse_image(line: Line) -> Result<Image, IoError> {
     Ok(Image { id, name, camera_id, cam_from_world, observations: Vec::new() })
 }
 
-fn parse_observations(line: Line, image: &Image) -> Result<Vec<Observation>, IoError> {
-    let count = line.words().count();
-    if !count.is_multiple_of(3) {
-        let problem = format!(
-            "{image}: expected the keypoints `x y point-id …` on the line after the image's (it may be empty), found {count} words"
-        );
-        return Err(line.malformed(problem));
+/// The number of keypoints on an image's second line.
+fn count_observations(line: Line, image: &Image) -> Result<usize, IoError> {
+    let words = line.words().count();
+    if words.is_multiple_of(3) {
+        return Ok(words / 3);
     }
+    let problem = format!(
+        "{image}: expected the keypoints `x y point-id …` on the line after the image's (it may be empty), found {words} words"
+    );
+    Err(line.malformed(problem))
+}
+
+fn parse_observations(line: Line, count: usize) -> Result<Vec<Observation>, IoError> {
     let mut words = line.words();
-    let mut observations = Vec::with_capacity(count / 3);
-    for _ in 0..count / 3 {
+    let mut observations = Vec::with_capacity(count);
+    for _ in 0..count {
         let pixel = Vector2::from(words.numbers::<2>("keypoint")?);
         let point_id: i64 = words.number("point id")?;
         observations.push(Observation { pixel, point_id: u64::try_from(point_id).ok() });
