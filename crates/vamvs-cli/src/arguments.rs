@@ -13,7 +13,7 @@ mod train;
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{ArgAction, Args, Parser, Subcommand};
 use vamvs::MemoryLimit;
 use vamvs::export::{DepthFormat, ExportTarget};
 use vamvs::{Quality, core::Spacing};
@@ -189,7 +189,7 @@ pub struct FuseArguments {
     #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
     /// Points only in this box of the world.
-    #[arg(long, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_hyphen_values = true)]
+    #[arg(long, action = ArgAction::Set, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_hyphen_values = true)]
     pub roi: Option<Vec<f64>>,
     /// How depth maps are filtered.
     #[command(flatten)]
@@ -310,10 +310,10 @@ pub struct DepthFlags {
     #[arg(long, value_enum)]
     pub spacing: Option<Spacing>,
     /// Depth range of all views, scene units [default: each view's own].
-    #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"], allow_hyphen_values = true)]
+    #[arg(long, action = ArgAction::Set, num_args = 2, value_names = ["NEAR", "FAR"], allow_hyphen_values = true)]
     pub depth_range: Option<Vec<f64>>,
     /// Region of interest: depth only inside of this box in world coordinates.
-    #[arg(long, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_hyphen_values = true)]
+    #[arg(long, action = ArgAction::Set, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_hyphen_values = true)]
     pub roi: Option<Vec<f64>>,
     /// What only networks have.
     #[cfg(feature = "net")]

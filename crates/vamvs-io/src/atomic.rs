@@ -7,7 +7,7 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -30,6 +30,20 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -
     let mut file = AtomicFile::create(path)?;
     fill(&mut file).map_err(IoError::system("write", path))?;
     file.commit()
+}
+
+/// Refuses to replace a file that is not of the kind that will be written: `is_same_kind` looks at its first bytes. A file
+/// that is empty or cannot be read may be replaced.
+///
+/// # Errors
+/// If there is such a file.
+pub fn expect_kind(path: &Path, is_same_kind: impl Fn(&[u8]) -> bool) -> Result<(), IoError> {
+    let mut begin = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(4096).read_to_end(&mut begin));
+    if read.is_err() || begin.is_empty() || is_same_kind(&begin) {
+        return Ok(());
+    }
+    Err(IoError::Foreign { path: path.to_owned() })
 }
 
 /// Ends all writing, for a process that is about to exit: removes the unfinished files and prevents that
@@ -164,6 +178,18 @@ mod tests {
         assert_eq!(source.kind(), io::ErrorKind::StorageFull);
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(names(folder.path()), ["depth.pfm"]);
+    }
+
+    #[test]
+    fn files_of_another_kind_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let expect = |name: &str| expect_kind(&folder.path().join(name), |begin| begin.starts_with(b"ply"));
+        for (name, content) in [("own", "ply\nformat"), ("empty", ""), ("foreign", "plain text")] {
+            write(&folder.path().join(name), |out| out.write_all(content.as_bytes())).unwrap();
+        }
+        assert!(["own", "empty", "absent"].into_iter().all(|name| expect(name).is_ok()));
+        let error = expect("foreign").unwrap_err().to_string();
+        assert!(error.contains("foreign: was not written by vamvs"), "{error}");
     }
 
     #[test]

@@ -41,6 +41,15 @@ pub enum IoError {
         /// What is not supported, and what to do.
         problem: String,
     },
+    /// A file of somebody else has the name of one that will be written.
+    #[error(
+        "{}: was not written by vamvs and would be overwritten: choose another name for what is written, or move it away",
+        path.display()
+    )]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+    },
     /// An image could not be decoded.
     #[error("cannot decode the image {}", path.display())]
     Image {

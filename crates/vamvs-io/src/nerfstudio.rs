@@ -6,6 +6,7 @@
 //! camera in OpenGL's axes (x right, y up, z backwards).
 
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Vector3};
@@ -15,6 +16,7 @@ use vamvs_core::{Camera, Intrinsics, Lens, Pose, Scene, Size, SparsePoint, View}
 use crate::locate::{Located, locate, sorted_by_name};
 use crate::masks::Masks;
 use crate::sizes::sizes;
+use crate::text::BYTE_ORDER_MARK;
 use crate::{IoError, Loaded, Place, occlusion, ply};
 
 /// Longest accepted side of an image, in pixels.
@@ -48,12 +50,16 @@ pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, Io
     let masks = masks(&path, &frames, &names)?;
     let mut scene = sorted_by_name(views, Vec::new());
     let mut warnings = Vec::new();
-    if let Some(points) = sparse_points(&path, &shared, &scene)? {
-        warnings.push(format!(
-            "{}: it does not say which views see its points; each counts as seen where no other point occludes it",
-            points.0.display()
-        ));
-        scene.points = points.1;
+    if let Some(file) = sparse_file(&path, &shared) {
+        let file_name = file.display();
+        warnings.push(if file.is_file() {
+            scene.points = sparse_points(&file, &scene)?;
+            format!(
+                "{file_name}: it does not say which views see its points; each counts as seen where no other point occludes it"
+            )
+        } else {
+            format!("ply_file_path: {file_name} is not a file, so there are no sparse points")
+        });
     }
     Ok(Loaded { scene, images: folder, masks, warnings })
 }
@@ -108,7 +114,8 @@ impl Fields<'_> {
 
 fn read_object(path: &Path) -> Result<Map<String, Value>, IoError> {
     let text = std::fs::read(path).map_err(IoError::system("open", path))?;
-    serde_json::from_slice(&text).map_err(|error| IoError::malformed(path, Place::Line(error.line()), error))
+    serde_json::from_slice(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&text))
+        .map_err(|error| IoError::malformed(path, Place::Line(error.line()), error))
 }
 
 fn frames<'a>(path: &'a Path, shared: &'a Map<String, Value>) -> Result<Vec<Fields<'a>>, IoError> {
@@ -140,8 +147,14 @@ fn stated_size(frame: &Fields) -> Result<Option<Size>, IoError> {
 fn intrinsics(frame: &Fields, size: Size) -> Result<Intrinsics, IoError> {
     let (width, height) = (size.width as f64, size.height as f64);
     let focal = |length: &str, angle: &str, side: f64| -> Result<Option<f64>, IoError> {
-        let of_angle = |angle: f64| 0.5 * side / (0.5 * angle).tan();
-        Ok(frame.number(length)?.or(frame.number(angle)?.map(of_angle)))
+        if let Some(focal) = frame.number(length)? {
+            return Ok(Some(focal));
+        }
+        let Some(radians) = frame.number(angle)? else { return Ok(None) };
+        if radians > 0.0 && radians < PI {
+            return Ok(Some(0.5 * side / (0.5 * radians).tan()));
+        }
+        Err(frame.malformed(&format!("{angle}: expected an angle between 0 and π radians, found {radians}")))
     };
     let fx = focal("fl_x", "camera_angle_x", width)?
         .ok_or_else(|| frame.malformed("expected fl_x or camera_angle_x, found neither"))?;
@@ -210,21 +223,17 @@ fn masks(path: &Path, frames: &[Fields], names: &[String]) -> Result<Masks, IoEr
     Ok(if files.is_empty() { Masks::None } else { Masks::Files(files) })
 }
 
-/// The file that `ply_file_path` names and its points, those that at least one view sees; `None` if there is
-/// no such file.
-fn sparse_points(
-    path: &Path,
-    shared: &Map<String, Value>,
-    scene: &Scene,
-) -> Result<Option<(PathBuf, Vec<SparsePoint>)>, IoError> {
-    let Some(named) = shared.get("ply_file_path").and_then(Value::as_str) else { return Ok(None) };
-    let file = path.parent().unwrap_or(Path::new("")).join(named.replace('\\', "/"));
-    if !file.is_file() {
-        return Ok(None);
-    }
-    let cloud = ply::read(&file)?;
+/// The file that `ply_file_path` names.
+fn sparse_file(path: &Path, shared: &Map<String, Value>) -> Option<PathBuf> {
+    let named = shared.get("ply_file_path").and_then(Value::as_str)?;
+    Some(path.parent().unwrap_or(Path::new("")).join(named.replace('\\', "/")))
+}
+
+/// The points of a file that at least one view sees.
+fn sparse_points(file: &Path, scene: &Scene) -> Result<Vec<SparsePoint>, IoError> {
+    let cloud = ply::read(file)?;
     let step = cloud.len().div_ceil(MOST_POINTS).max(1);
     let points = cloud.iter().step_by(step).map(|point| point.x_in_world.into()).collect();
     let points = occlusion::points_with_views(points, &scene.views);
-    Ok(Some((file, points.into_iter().filter(|point| !point.views.is_empty()).collect())))
+    Ok(points.into_iter().filter(|point| !point.views.is_empty()).collect())
 }

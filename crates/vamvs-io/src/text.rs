@@ -8,6 +8,9 @@ use std::str::FromStr;
 
 use crate::{IoError, Place};
 
+/// What some editors put before a text in UTF-8.
+pub(crate) const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
+
 /// A buffered text file.
 pub(crate) struct TextReader {
     path: PathBuf,
@@ -19,7 +22,11 @@ pub(crate) struct TextReader {
 impl TextReader {
     pub(crate) fn open(path: &Path) -> Result<Self, IoError> {
         let file = File::open(path).map_err(IoError::system("open", path))?;
-        Ok(Self { path: path.to_owned(), inner: BufReader::new(file), line: String::new(), number: 0 })
+        let mut inner = BufReader::new(file);
+        if inner.fill_buf().map_err(IoError::system("read", path))?.starts_with(BYTE_ORDER_MARK) {
+            inner.consume(BYTE_ORDER_MARK.len());
+        }
+        Ok(Self { path: path.to_owned(), inner, line: String::new(), number: 0 })
     }
 
     /// The next line without its line end; `None` at the end of the file.
@@ -178,13 +185,14 @@ impl WordReader {
         if found.as_deref() == Some(expected) {
             return Ok(());
         }
-        let found = found.unwrap_or_else(|| "the end of the file".to_owned());
-        Err(self.malformed(format!("expected {expected:?}, found {found:?}")))
+        let found = found.map_or_else(|| "the end of the file".to_owned(), |found| format!("{found:?}"));
+        Err(self.malformed(format!("expected {expected:?}, found {found}")))
     }
 
     /// An error about the line of the last word that was read.
     pub(crate) fn malformed(&self, problem: impl Display) -> IoError {
-        IoError::malformed(&self.reader.path, Place::Line(self.reader.number), problem)
+        let place = if self.reader.number == 0 { Place::Whole } else { Place::Line(self.reader.number) };
+        IoError::malformed(&self.reader.path, place, problem)
     }
 }
 

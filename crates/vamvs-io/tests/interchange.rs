@@ -145,6 +145,9 @@ fn sparse_points_are_seen_wherever_they_lie_in_the_image() {
     let loaded = read_transforms(&files, &transforms).unwrap();
     assert_eq!(loaded.scene.points, [SparsePoint { x_in_world: Vector3::zeros(), views: vec![0, 1] }]);
     assert!(loaded.warnings[0].contains("sparse.ply"));
+    std::fs::remove_file(files.path("sparse.ply")).unwrap();
+    let loaded = read_transforms(&files, &transforms).unwrap();
+    assert!(loaded.scene.points.is_empty() && loaded.warnings[0].contains("sparse.ply is not a file"));
 }
 
 #[test]
@@ -174,6 +177,14 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
         let said = error(read_transforms(&files, &transforms));
         assert!(said.contains(expected), "{place}: {said}");
     }
+    let mut degrees = good.clone();
+    (degrees["fl_x"], degrees["camera_angle_x"]) = (Value::Null, json!(45));
+    assert!(
+        error(read_transforms(&files, &degrees))
+            .contains("camera_angle_x: expected an angle between 0 and π")
+    );
+    let marked = files.save("marked.json", &format!("\u{feff}{good}"));
+    assert_eq!(nerfstudio::read_scene(&marked, None).unwrap().scene.views.len(), 2);
     let mut sized = good;
     (sized["w"], sized["h"]) = (json!(8.5), json!(6));
     assert!(error(read_transforms(&files, &sized)).contains("w and h"));

@@ -216,11 +216,25 @@ impl Page {
         self.add(format_args!("<pre>{}</pre>", escaped(text)));
     }
 
+    /// Refuses to replace a file that is not such a page.
+    ///
+    /// # Errors
+    /// If there is such a file.
+    pub fn expect_replaceable(path: &Path) -> Result<(), IoError> {
+        // Pages of earlier versions have only their style sheet to tell them.
+        let is_page = |begin: &[u8]| {
+            let text = String::from_utf8_lossy(begin);
+            text.contains(r#"name="generator" content="vamvs""#) || text.contains("--lost-0")
+        };
+        atomic::expect_kind(path, is_page)
+    }
+
     /// Writes the page.
     ///
     /// # Errors
-    /// If the file cannot be written; then nothing has changed.
+    /// If the file cannot be written, or is there and no such page; then nothing has changed.
     pub fn save(&self, path: &Path) -> Result<(), IoError> {
+        Self::expect_replaceable(path)?;
         atomic::write(path, |out| out.write_all(self.html().as_bytes()))
     }
 

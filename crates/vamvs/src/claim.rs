@@ -2,10 +2,9 @@
 //! at a time writes to a folder.
 
 use std::fs::{File, TryLockError};
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use vamvs_io::atomic;
+use vamvs_io::{IoError, atomic};
 
 use crate::VamvsError;
 use crate::output::make_folder;
@@ -24,28 +23,10 @@ pub(crate) fn claim(folder: &Path, files: impl IntoIterator<Item = PathBuf>) -> 
         return Ok(());
     }
     if let Some(path) = files.into_iter().find(|file| file.symlink_metadata().is_ok()) {
-        return Err(not_own(&path));
+        return Err(IoError::Foreign { path }.into());
     }
     make_folder(folder)?;
     Ok(atomic::write(&folder.join(MARK), |out| writeln!(out, "{TEXT}"))?)
-}
-
-/// Refuses to replace a file that is not of the kind that will be written: `is_same_kind` looks at its first bytes.
-///
-/// # Errors
-/// If there is such a file.
-pub(crate) fn expect_same_kind(file: &Path, is_same_kind: impl Fn(&[u8]) -> bool) -> Result<(), VamvsError> {
-    let mut begin = Vec::new();
-    let read = File::open(file).and_then(|file| file.take(4096).read_to_end(&mut begin));
-    if read.is_err() || begin.is_empty() || is_same_kind(&begin) {
-        return Ok(());
-    }
-    Err(not_own(file))
-}
-
-fn not_own(file: &Path) -> VamvsError {
-    let problem = "was not written by vamvs and would be overwritten: choose another --out, or move it away";
-    VamvsError::Folder { path: file.to_owned(), problem: problem.to_owned() }
 }
 
 /// Whether vamvs has marked the folder.

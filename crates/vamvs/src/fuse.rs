@@ -7,14 +7,15 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use vamvs_fusion::{BoxError, FuseEvent, FuseJob, FuseReport, FusedPoints, MapSource, ViewReport};
+use vamvs_io::atomic;
 
 pub use parts::PartialFusion;
 
-use crate::claim::expect_same_kind;
+use crate::claim::{Lock, is_claimed};
 use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
 use crate::memory::{format_bytes, keeping_freed};
-use crate::output::LeftOut;
+use crate::output::{LeftOut, folder_of, is_same, remove_unfinished};
 use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError, memory};
 
 /// One part in this many of the memory is spare, for what is not counted: the program, and freed memory that was not
@@ -86,7 +87,8 @@ fn write_cloud(
     run: impl FnOnce(&mut Sink<'_>, &mut OnEvent<'_>) -> Result<FuseReport, VamvsError>,
     on_event: &mut OnEvent<'_>,
 ) -> Result<FuseSummary, VamvsError> {
-    expect_same_kind(cloud, |begin| begin.starts_with(b"ply"))?;
+    atomic::expect_kind(cloud, |begin| begin.starts_with(b"ply"))?;
+    let _lock = lock(maps, cloud)?;
     let lone = views_without_neighbours(maps, neighbours, options.filter.min_views);
     lone.iter().try_for_each(|view| tell(on_event, Event::left_out(view)))?;
     let skipped = [maps.left_out(), &lone].concat();
@@ -99,6 +101,21 @@ fn write_cloud(
     }
     let views = maps.names().iter().cloned().zip(report.views).collect();
     Ok(FuseSummary { points, views, skipped, fusing, exporting: begin.elapsed() - fusing })
+}
+
+/// Keeps other runs from the folder of depth maps, if vamvs made them: from writing to it or, if the cloud goes there, from
+/// using it at all. What a killed run has left there is removed then.
+fn lock(maps: &Maps, cloud: &Path) -> Result<Option<Lock>, VamvsError> {
+    let root = maps.root();
+    if !is_claimed(root) {
+        return Ok(None);
+    }
+    if !is_same(folder_of(cloud), root) {
+        return Lock::shared(root).map(Some);
+    }
+    let lock = Lock::alone(root)?;
+    remove_unfinished(root)?;
+    Ok(Some(lock))
 }
 
 /// Fuses depth maps from anywhere; the points go to `sink`.

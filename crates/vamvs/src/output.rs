@@ -466,7 +466,7 @@ pub(crate) fn remove_unfinished(folder: &Path) -> Result<(), VamvsError> {
     unfinished.into_iter().try_for_each(|entry| remove(&entry.path()))
 }
 
-fn remove(path: &Path) -> Result<(), VamvsError> {
+pub(crate) fn remove(path: &Path) -> Result<(), VamvsError> {
     match std::fs::remove_file(path) {
         Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
             Err(IoError::System { action: "remove", path: path.to_owned(), source }.into())

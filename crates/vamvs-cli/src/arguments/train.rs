@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::{ArgAction, Args, ValueEnum};
 use vamvs_train::options::Rule;
 
 /// The end of the command's help.
@@ -112,10 +112,10 @@ pub struct TrainingFlags {
 #[command(next_help_heading = "Samples")]
 pub struct SampleFlags {
     /// Size of the crops, multiples of 8 [default: 256 192; paper: 640 512].
-    #[arg(long, num_args = 2, value_names = ["WIDTH", "HEIGHT"])]
+    #[arg(long, action = ArgAction::Set, num_args = 2, value_names = ["WIDTH", "HEIGHT"])]
     pub crop: Option<Vec<usize>>,
     /// Fewest and most views, the reference included [default: 2 5; paper: 3 3].
-    #[arg(long, num_args = 2, value_names = ["FEWEST", "MOST"])]
+    #[arg(long, action = ArgAction::Set, num_args = 2, value_names = ["FEWEST", "MOST"])]
     pub views: Option<Vec<usize>>,
     /// Upper limit of the number of planes [default: 64; paper: 48].
     #[arg(long, value_name = "N")]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use serde_json::json;
 use vamvs::core::View;
-use vamvs::io::image;
+use vamvs::io::{atomic, image};
 use vamvs::net::{Estimator, EstimatorOptions, Network, open_device};
 use vamvs::output::is_same;
 use vamvs::{DepthOptions, PhotoSource, Picture, Reconstruction};
@@ -22,6 +22,7 @@ use crate::settings::Settings;
 pub fn run(arguments: &CalibrateArguments) -> Result<()> {
     Settings { threads: arguments.threads, ..Settings::default() }.use_threads()?;
     ensure!(arguments.views >= 2, "--views must be 2 at least, got {}", arguments.views);
+    ensure!(arguments.references >= 1, "--references must be 1 at least, got 0");
     for output in std::iter::once(&arguments.out).chain(&arguments.page) {
         let problem = "is the network that is calibrated, and would be overwritten: choose another file";
         ensure!(!is_same(output, &arguments.weights), "{} {problem}", output.display());
@@ -31,6 +32,9 @@ pub fn run(arguments: &CalibrateArguments) -> Result<()> {
         "{}: network and page cannot be the same file",
         arguments.out.display()
     );
+    // TorchScript files are ZIP archives.
+    atomic::expect_kind(&arguments.out, |begin| begin.starts_with(b"PK"))?;
+    arguments.page.as_deref().map_or(Ok(()), Page::expect_replaceable)?;
     let dataset = Dataset::open(&arguments.data)?;
     let network = Network::load(&arguments.weights, open_device(&arguments.device)?)?;
     let options = EstimatorOptions::of(&network);

@@ -24,6 +24,10 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
     let maps = Maps::open(&arguments.depths, masks(arguments)?, &mut |event| progress.show(event))?;
     let cloud = arguments.out.clone().unwrap_or_else(|| maps.default_cloud());
+    let wants_page = !arguments.no_report;
+    if matches!(arguments.step.step, None | Some(FusionTask::Concatenate)) {
+        vamvs::report::expect_replaceable(&maps, &cloud, wants_page)?;
+    }
     let (maps, fused) = match arguments.step.step {
         None => merge_readable(maps, &cloud, &settings, (&arguments.common, &progress))?,
         Some(FusionTask::Concatenate) => {
@@ -34,7 +38,7 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     };
     timing.add_fusion(&fused);
     let kept = (&maps, &*cloud, &fused);
-    timing.of("report", || report::keep(kept, &settings, !arguments.no_report, &progress))?;
+    timing.of("report", || report::keep(kept, &settings, wants_page, &progress))?;
     progress.finish();
     timing.say(&progress);
     if arguments.common.json {

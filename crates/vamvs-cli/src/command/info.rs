@@ -38,6 +38,7 @@ fn facts(what: &Path) -> Result<Map<String, Value>> {
         Some("jpg" | "jpeg" | "png" | "tif" | "tiff" | "bmp" | "webp") => {
             Ok(object(json!({"kind": "image", "size": image::stored_size(what)?.to_string()})))
         }
+        _ if !what.exists() => bail!("{}: there is no such file or folder", what.display()),
         _ => bail!(
             "{}: expected a .pt, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/; or the word `device`",
             what.display()

@@ -105,7 +105,8 @@ impl Graph<'_> {
         };
         let sources = self.with_sources(own);
         // The views of photographs that are missing will be left out.
-        let inputs = sources.iter().filter_map(photograph).filter(|path| path.is_file()).collect();
+        let inputs = sources.iter().filter_map(photograph).filter(|path| path.is_file());
+        let inputs = inputs.map(|path| std::path::absolute(&path).unwrap_or(path)).collect();
         let gpu = self.work.method.is_on_gpu();
         Task { inputs, gpu, ..self.depth_step(DepthStep::Photometric, part) }
     }

@@ -220,6 +220,11 @@ fn one_run_at_a_time_writes_to_a_folder() {
     mark.lock().unwrap();
     let before = content(&scene.out());
     assert!(scene.error("depth", &QUICK).contains("another run of vamvs writes to this folder"));
+    let cloud = scene.path("cloud.ply");
+    for out in [&[][..], &["--out", cloud.to_str().unwrap()]] {
+        let said = error_of(&vamvs().arg("fuse").arg(scene.out()).args(out).output().unwrap());
+        assert!(said.contains("another run of vamvs"), "{said}");
+    }
     assert!(content(&scene.out()) == before);
     mark.unlock().unwrap();
     expect_success(&scene.run("depth", &QUICK));
@@ -289,6 +294,16 @@ fn files_that_vamvs_has_not_written_stay() {
     let report = scene.out().join("report.html");
     write(&report, "<html>of somebody</html>");
     assert!(error_of(&vamvs().arg("report").arg(scene.out()).output().unwrap()).contains("report.html"));
+    // It is noticed before anything is fused, and so is somebody's record.
+    let cloud = scene.out().join("fused.ply");
+    let fuse = |arguments: &[&str]| vamvs().arg("fuse").arg(scene.out()).args(arguments).output().unwrap();
+    assert!(error_of(&fuse(&[])).contains("report.html") && !cloud.exists());
+    expect_success(&fuse(&["--no-report"]));
+    std::fs::remove_file(&report).unwrap();
+    write(&scene.out().join("fusion.json"), "of somebody");
+    std::fs::remove_file(&cloud).unwrap();
+    assert!(error_of(&fuse(&["--no-report"])).contains("fusion.json") && !cloud.exists());
+    std::fs::remove_file(scene.out().join("fusion.json")).unwrap();
     // What is not in the way stays too, and does not hinder.
     std::fs::create_dir(&mine).unwrap();
     write(&mine.join("notes.txt"), "of somebody");
@@ -389,6 +404,11 @@ fn nonsense_on_the_command_line_is_refused() {
     ] {
         let said = scene.error("depth", arguments);
         assert!(said.contains(expected), "{arguments:?}: {said}");
+    }
+    for flag in [&["--depth-range", "1", "2"][..], &["--roi", "0", "0", "0", "1", "1", "1"]] {
+        let output = scene.run("depth", &[flag, flag].concat());
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains("multiple times"), "{flag:?}");
     }
     for (arguments, expected) in [
         (&["--depth-format", "png", "--png-step=-1"][..], "--png-step"),

@@ -236,6 +236,11 @@ fn a_scene_has_a_page_with_pictures() {
     assert_eq!(result["page"].as_str(), folder.root().join("eval.html").to_str());
     assert_eq!(page.matches("data:image/png;base64,").count(), 4 + 4);
     assert!(page.contains("Completeness") && page.contains("F-score"));
+    let cloud = std::fs::read(folder.cloud()).unwrap();
+    let mut over = vamvs();
+    over.args(["eval", "scene", "--html"]).args([&folder.cloud(), folder.root(), folder.root()]);
+    assert!(error_of(&over.output().unwrap()).contains("was not written by vamvs"));
+    assert!(std::fs::read(folder.cloud()).unwrap() == cloud);
 }
 
 #[cfg(feature = "net")]

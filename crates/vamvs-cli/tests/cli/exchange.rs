@@ -159,12 +159,18 @@ fn nothing_is_exported_over_what_vamvs_has_not_written() {
     let before = content(run.root());
     refused(&["--out", run.root().join("else.ply").to_str().unwrap(), "--depth-format", "pfm"]);
     assert!(content(run.root()) == before);
-    // Its own exports it replaces.
+    // Its own exports it replaces, and what a killed run has left it removes.
+    std::fs::create_dir_all(folder.root().join("colmap/sparse")).unwrap();
+    write(&folder.root().join("colmap/.vamvs"), "");
+    let unfinished =
+        ["", "colmap", "colmap/sparse"].map(|at| folder.root().join(at).join(".vamvs-unfinished"));
+    unfinished.iter().for_each(|file| write(file, "half"));
     for _ in 0..2 {
         fuse(folder.root(), &["--export", "colmap,openmvs", "--depth-format", "exr"]);
         let elsewhere = scene.path("cloud.ply");
         fuse(folder.root(), &["--out", elsewhere.to_str().unwrap(), "--depth-format", "pfm,npy"]);
     }
+    assert!(unfinished.iter().all(|file| !file.exists()));
     // In the folder itself, whose name is not told then, it knows them too.
     let mut bare = vamvs();
     bare.current_dir(folder.root()).args(["fuse", ".", "--out", "bare.ply", "--depth-format", "exr"]);
@@ -197,6 +203,33 @@ fn one_wrong_depth_does_not_make_pngs_coarse() {
         let expected = if place == 5 * 64 + 7 { 0.0 } else { *ground_truth };
         assert!((read - expected).abs() <= 2e-3 * expected, "{read} or {expected}");
     }
+}
+
+#[test]
+fn all_pngs_of_a_folder_have_its_step() {
+    let scene = Scene::new(64, 48, 3);
+    let folder = true_maps(&scene);
+    let png = |name: &str| folder.root().join(format!("depths/{name}.png"));
+    let run = |arguments: &[&str]| {
+        vamvs()
+            .arg("fuse")
+            .arg(folder.root())
+            .args(["--depth-format", "png"])
+            .args(arguments)
+            .output()
+            .unwrap()
+    };
+    expect_success(&run(&["--png-step", "0.001"]));
+    let before = content(folder.root());
+    let said = error_of(&run(&["--png-step", "1e-6"]));
+    assert!(said.contains("0000.pfm") && said.contains("65534 steps"), "{said}");
+    assert!(content(folder.root()) == before, "nothing has changed");
+    // A view that cannot be read any more keeps its PNG only while that has the right step.
+    write(&folder.depth("0001"), "");
+    expect_success(&run(&["--png-step", "0.001"]));
+    assert!(png("0001").is_file());
+    expect_success(&run(&["--png-step", "0.002"]));
+    assert!(png("0000").is_file() && png("0002").is_file() && !png("0001").exists());
 }
 
 #[test]

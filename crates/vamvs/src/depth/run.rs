@@ -4,6 +4,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::time::Instant;
 
 use vamvs_core::Source;
+use vamvs_core::depth_map::is_valid;
 
 use super::maker::{Made, MadeMap, Maker};
 use super::{DepthJob, DepthSummary};
@@ -154,7 +155,17 @@ impl<'a> Run<'a> {
             return Ok(Outcome::Resumed);
         }
         self.save(view, &made, &record)?;
+        self.warn_of_empty(view, &made, on_event)?;
         Ok(Outcome::Made)
+    }
+
+    fn warn_of_empty(&self, view: usize, made: &Made, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
+        let maps = self.map_names(view).into_iter().zip(&made.maps);
+        let mut empty = maps.filter(|(_, made)| !made.map.depth.data().iter().copied().any(is_valid));
+        empty.try_for_each(|(name, _)| {
+            let look = "look at its mask, the brightness limits and the region of interest";
+            tell(on_event, Event::Warning(format!("{name}: no pixel has a depth; {look}")))
+        })
     }
 
     fn save(&mut self, view: usize, made: &Made, record: &Record) -> Result<(), VamvsError> {

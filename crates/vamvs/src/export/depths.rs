@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use vamvs_core::depth_map::is_valid;
-use vamvs_fusion::MapSource;
+use vamvs_fusion::{MapSource, MaskedMap};
 use vamvs_io::{atomic, depth};
 
 use super::{DepthFormat, ExportOptions, ExportedView};
 use crate::claim::claim;
-use crate::output::{is_same, make_folder};
+use crate::output::{is_same, make_folder, remove};
 use crate::{Maps, OutputFolder, VamvsError};
 
 /// How many times the median depth PNGs hold, so that a step is at most a fraction of a percent of it.
@@ -17,6 +17,8 @@ const MOST_TIMES_MEDIAN: f32 = 50.0;
 /// The folder of depth maps, if any are wanted.
 pub(super) struct DepthFolder {
     root: PathBuf,
+    /// Whether it is that of the run that made the depth maps.
+    is_of_run: bool,
     formats: Vec<DepthFormat>,
     png_step: Option<f64>,
 }
@@ -27,8 +29,12 @@ impl DepthFolder {
     pub fn new(maps: &Maps, beside: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
         options.validate()?;
         let root = beside.join("depths");
-        let folder = Self { root, formats: options.depth_formats.clone(), png_step: options.png_step };
         let is_of_run = is_same(beside, maps.root()) && OutputFolder::new(beside).is_own();
+        let formats = options.depth_formats.clone();
+        let folder = Self { root, is_of_run, formats, png_step: options.png_step };
+        if let Some(step) = folder.png_step.filter(|_| folder.has_pngs()) {
+            expect_fitting(maps, step)?;
+        }
         if folder.is_wanted() && is_of_run {
             make_folder(&folder.root)?;
         } else if folder.is_wanted() {
@@ -43,18 +49,40 @@ impl DepthFolder {
         !self.formats.is_empty()
     }
 
+    fn has_pngs(&self) -> bool {
+        self.formats.contains(&DepthFormat::Png)
+    }
+
     /// The depth of one grey level of PNGs, also written to `png-step.txt`; 1 if no PNGs are
-    /// wanted.
+    /// wanted. PNGs of another step go.
     pub fn png_step(&self, maps: &Maps) -> Result<f64, VamvsError> {
-        if !self.formats.contains(&DepthFormat::Png) {
+        if !self.has_pngs() {
             return Ok(1.0);
         }
         let step = match self.png_step {
             Some(step) => step,
             None => depth::fitting_png_step(farthest_for_png(maps)?),
         };
-        atomic::write(&self.png_step_file(), |out| writeln!(out, "{step}"))?;
+        let text = format!("{step}\n");
+        if std::fs::read_to_string(self.png_step_file()).is_ok_and(|before| before != text) {
+            self.remove_pngs(maps)?;
+        }
+        atomic::write(&self.png_step_file(), |out| out.write_all(text.as_bytes()))?;
         Ok(step)
+    }
+
+    /// Removes the PNGs of all views, also of those that cannot be read now, but no file that a depth map was read from.
+    fn remove_pngs(&self, maps: &Maps) -> Result<(), VamvsError> {
+        let of_readable =
+            maps.names().iter().enumerate().map(|(view, name)| (name, Some(maps.depth_file(view))));
+        let of_others = maps.left_out().iter().filter(|_| self.is_of_run).map(|view| (&view.view, None));
+        for (name, source) in of_readable.chain(of_others) {
+            let png = self.root.join(format!("{name}.png"));
+            if !source.is_some_and(|source| is_same(&png, source)) {
+                remove(&png)?;
+            }
+        }
+        Ok(())
     }
 
     /// Writes a view's unmasked depths; never overwrites the file that the depth map was read from. Returns the number of
@@ -91,6 +119,22 @@ impl DepthFolder {
     fn png_step_file(&self) -> PathBuf {
         self.root.join("png-step.txt")
     }
+}
+
+/// Refuses a step of PNGs that some depth does not fit. Views that cannot be read are left out later.
+fn expect_fitting(maps: &Maps, step: f64) -> Result<(), VamvsError> {
+    for view in 0..maps.len() {
+        let Ok(MaskedMap { map, mask }) = maps.load_map(view) else { continue };
+        let counts = |pixel: usize| mask.as_ref().is_none_or(|mask| mask.data()[pixel]);
+        let depths = map.depth.data().iter().enumerate().filter(|(pixel, _)| counts(*pixel));
+        if let Some((_, depth)) = depths.into_iter().find(|(_, depth)| !depth::fits_png(**depth, step)) {
+            let problem = format!(
+                "a depth of {depth} does not fit steps of {step}: expected 1 to 65534 steps (--png-step)"
+            );
+            return Err(VamvsError::Folder { path: maps.depth_file(view).to_owned(), problem });
+        }
+    }
+    Ok(())
 }
 
 /// The farthest depth that PNGs are to hold: the farthest of all, but at most [`MOST_TIMES_MEDIAN`] times the median over the

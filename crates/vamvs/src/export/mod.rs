@@ -14,9 +14,9 @@ use vamvs_core::Pinhole;
 use vamvs_fusion::{FuseOptions, FusedPoints, FusionView, MapSource, Surface};
 use vamvs_io::ply::PlyWriter;
 
-use crate::claim::{claim, is_claimed};
+use crate::claim::{Lock, claim, is_claimed};
 use crate::event::{OnEvent, tell};
-use crate::output::folder_of;
+use crate::output::{folder_of, remove_unfinished};
 use crate::{Event, FusionOptions, Maps, VamvsError};
 use colmap::ColmapWorkspace;
 use depths::DepthFolder;
@@ -93,6 +93,8 @@ struct Exports<'a> {
     colmap: Option<ColmapWorkspace>,
     openmvs: Option<OpenmvsScene>,
     depths: DepthFolder,
+    /// Of the programs' folders.
+    _locks: Vec<Lock>,
 }
 
 impl<'a> Exporter<'a> {
@@ -200,18 +202,22 @@ impl ExportOptions {
 impl<'a> Exports<'a> {
     fn begin(maps: &'a Maps, folder: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
         options.expect_apart(folder, [maps.root()])?;
-        for program in &options.programs {
+        let begin = |program: &ExportTarget| {
             let target = folder.join(program.folder());
             let entries = target.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
             claim(&target, entries)?;
-        }
+            let lock = Lock::alone(&target)?;
+            remove_all_unfinished(&target)?;
+            Ok(lock)
+        };
+        let locks = options.programs.iter().map(begin).collect::<Result<_, VamvsError>>()?;
         let wanted = |program: ExportTarget| {
             options.programs.contains(&program).then(|| folder.join(program.folder()))
         };
         let colmap = wanted(ExportTarget::Colmap).map(|folder| ColmapWorkspace::begin(maps, &folder));
         let openmvs = wanted(ExportTarget::Openmvs).map(|folder| OpenmvsScene::begin(maps, &folder));
         let depths = DepthFolder::new(maps, folder, options)?;
-        Ok(Self { maps, colmap: colmap.transpose()?, openmvs: openmvs.transpose()?, depths })
+        Ok(Self { maps, colmap: colmap.transpose()?, openmvs: openmvs.transpose()?, depths, _locks: locks })
     }
 
     /// Writes the exports of single views, if there are any; returns the cameras of their depth
@@ -254,6 +260,18 @@ impl<'a> Exports<'a> {
         }
         self.openmvs.as_ref().map_or(Ok(()), |openmvs| openmvs.write_view(view, neighbours))
     }
+}
+
+/// Removes the unfinished files of a killed run from a folder and the folders in it.
+fn remove_all_unfinished(folder: &Path) -> Result<(), VamvsError> {
+    remove_unfinished(folder)?;
+    let folders = folder
+        .read_dir()
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()));
+    folders.into_iter().try_for_each(|entry| remove_all_unfinished(&entry.path()))
 }
 
 /// A view as it is exported.

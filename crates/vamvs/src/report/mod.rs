@@ -7,16 +7,15 @@
 mod record;
 mod view;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use vamvs_fusion::{MapSource, ViewReport};
 use vamvs_io::{IoError, ply};
 use vamvs_picture::number::{grouped, percent};
 use vamvs_picture::{CloudView, Legend, Page, Scale, Share, ShownCamera};
 
-use crate::claim::expect_same_kind;
 use crate::event::{OnEvent, tell};
-use crate::output::LeftOut;
+use crate::output::{LeftOut, folder_of, is_same};
 use crate::{Event, Maps, MemoryLimit, OutputFolder, VamvsError};
 pub use record::{FusedView, FusionRecord};
 use view::ViewPanel;
@@ -37,15 +36,26 @@ const BYTES_PER_PIXEL: u64 = 60;
 /// # Errors
 /// If a file is missing or malformed, `report.html` is of another program, or the page cannot be written.
 pub fn write(maps: &Maps, limit: MemoryLimit, on_event: &mut OnEvent<'_>) -> Result<PathBuf, VamvsError> {
-    let path = maps.root().join("report.html");
-    // Pages of earlier versions have only their style sheet to tell them.
-    let is_page = |begin: &[u8]| {
-        let text = String::from_utf8_lossy(begin);
-        text.contains(r#"name="generator" content="vamvs""#) || text.contains("--lost-0")
-    };
-    expect_same_kind(&path, is_page)?;
+    let path = page_file(maps);
+    Page::expect_replaceable(&path)?;
     Report::open(maps, limit)?.page(on_event)?.save(&path)?;
     Ok(path)
+}
+
+/// Refuses to write the record of a fusion into `cloud` and, if it is `wanted`, the page over files that are not such.
+///
+/// # Errors
+/// If there is such a file.
+pub fn expect_replaceable(maps: &Maps, cloud: &Path, wanted: bool) -> Result<(), VamvsError> {
+    if !is_same(folder_of(cloud), maps.root()) {
+        return Ok(());
+    }
+    FusionRecord::expect_replaceable(maps.root())?;
+    if wanted { Ok(Page::expect_replaceable(&page_file(maps))?) } else { Ok(()) }
+}
+
+fn page_file(maps: &Maps) -> PathBuf {
+    maps.root().join("report.html")
 }
 
 /// What the page is made of.

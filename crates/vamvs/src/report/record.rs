@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use vamvs_fusion::ViewReport;
+use vamvs_io::atomic;
 
 use crate::output::{LeftOut, OutputFolder, folder_of, is_same, read_json, write_json};
 use crate::{FuseSummary, FusionOptions, Maps, VamvsError};
@@ -45,11 +46,19 @@ impl FusionRecord {
         })
     }
 
+    /// Refuses to replace a file that is not such a record.
+    pub(super) fn expect_replaceable(folder: &Path) -> Result<(), VamvsError> {
+        let is_record =
+            |begin: &[u8]| begin.starts_with(b"{") && String::from_utf8_lossy(begin).contains(r#""cloud""#);
+        Ok(atomic::expect_kind(&OutputFolder::new(folder).fusion(), is_record)?)
+    }
+
     /// Writes it into a folder.
     ///
     /// # Errors
-    /// If the file cannot be written.
+    /// If the file cannot be written, or is there and no such record.
     pub fn save(&self, folder: &Path) -> Result<(), VamvsError> {
+        Self::expect_replaceable(folder)?;
         write_json(&OutputFolder::new(folder).fusion(), self)
     }
 

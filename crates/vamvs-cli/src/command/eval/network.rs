@@ -32,6 +32,7 @@ pub fn run(arguments: &EvalNetworkArguments) -> Result<()> {
         ensure!(views >= 2, "--views must be 2 at least (a reference and a source), got {views}");
     }
     ensure!(arguments.max_size >= 32, "--max-size must be 32 at least, got {}", arguments.max_size);
+    ensure!(arguments.references >= 1, "--references must be 1 at least, got 0");
     ensure!(arguments.max_planes >= 8, "--max-planes must be 8 at least, got {}", arguments.max_planes);
     let dataset = Dataset::open(&arguments.data)?;
     let mut all = Vec::new();

@@ -3,6 +3,7 @@
 use anyhow::Result;
 use serde_json::json;
 use vamvs::eval::{DepthScene, SceneEvaluation};
+use vamvs_picture::Page;
 
 use super::table::Table;
 use super::{begin, cloud};
@@ -14,7 +15,8 @@ pub fn run(arguments: &EvalSceneArguments) -> Result<()> {
     let progress = begin(general)?;
     let maps =
         DepthScene::open(out, ground_truth, thresholds.plane_distance, &mut |event| progress.show(event))?;
-    let root = maps.prediction().root().to_owned();
+    let html = arguments.html.clone().unwrap_or_else(|| maps.prediction().root().join("eval.html"));
+    Page::expect_replaceable(&html)?;
     let default_cloud = maps.prediction().default_cloud();
     let cloud = arguments.cloud.clone().or_else(|| default_cloud.is_file().then_some(default_cloud));
     if cloud.is_none() {
@@ -22,7 +24,6 @@ pub fn run(arguments: &EvalSceneArguments) -> Result<()> {
     }
     let limits = thresholds.thresholds(maps.knows_planes());
     let evaluation = SceneEvaluation::new(maps, cloud.as_deref(), &limits, distances.as_deref())?;
-    let html = arguments.html.clone().unwrap_or_else(|| root.join("eval.html"));
     evaluation.page()?.save(&html)?;
     let scores = &evaluation.scores;
     if general.json {
