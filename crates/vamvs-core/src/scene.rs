@@ -7,6 +7,9 @@ use nalgebra::Vector3;
 
 use crate::{Camera, DepthRange, Pose, Size};
 
+/// Largest coordinate of a camera, scene units. Farther off, double precision leaves nothing for a scene's details.
+const FARTHEST: f64 = 1e12;
+
 /// One photograph's name, camera and pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
@@ -92,7 +95,7 @@ impl Scene {
     /// Checks what the types leave open: names, focal lengths, poses, depth ranges, and all indices of views.
     ///
     /// # Errors
-    /// If a view has no name, a focal length that is not plausible, numbers that are not finite, or an invalid depth range;
+    /// If a view has no name, a focal length or a position that is not plausible, numbers that are not finite, or an invalid depth range;
     /// if a point or a pair names a view that does not exist; if a list of source views holds the view itself, another one
     /// twice, or a score that is negative or not finite.
     pub fn validate(&self) -> Result<(), SceneError> {
@@ -148,6 +151,9 @@ impl View {
             Some(format!("expected positive focal lengths and a finite principal point, got {k:?}"))
         } else if !pose.rotation.iter().chain(&pose.translation).all(|value| value.is_finite()) {
             Some("expected a finite pose".to_owned())
+        } else if pose.centre().amax() > FARTHEST {
+            let centre = pose.centre();
+            Some(format!("expected a camera within {FARTHEST:e} of the origin, got {:?}", centre.as_slice()))
         } else if ![k.fx, k.fy].iter().all(|focal| self.plausible_focal_lengths().contains(focal)) {
             let Size { width, height } = self.camera.size;
             Some(format!(
@@ -191,12 +197,13 @@ mod tests {
     fn contradictions_are_named() {
         assert_eq!(scene().validate(), Ok(()));
         type Change = fn(&mut Scene);
-        let changes: [(Change, &str); 11] = [
+        let changes: [(Change, &str); 12] = [
             (|scene| scene.views[1].name.clear(), "view 1: expected a name"),
             (|scene| scene.views[2].camera.intrinsics.fx = -1.0, "view 2 (2.png): expected positive focal"),
             (|scene| scene.views[2].camera.intrinsics.fx = 0.6, "longer side of 64×48, got fx 0.6, fy 100"),
             (|scene| scene.views[2].camera.intrinsics.fy = 1e5, "focal lengths in pixels"),
             (|scene| scene.views[0].cam_from_world.translation.x = f64::NAN, "finite pose"),
+            (|scene| scene.views[0].cam_from_world.translation.x = 1e18, "within 1e12 of the origin"),
             (|scene| scene.views[0].depth_range = Some(DepthRange { near: 8.0, far: 2.0 }), "view 0"),
             (|scene| scene.points[0].views.push(3), "point 0: expected views below 3, got 3"),
             (|scene| scene.pairs.as_mut().unwrap().truncate(2), "each of the 3 views, got lists for 2"),

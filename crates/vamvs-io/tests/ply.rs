@@ -194,9 +194,13 @@ fn absurd_headers_are_refused_before_anything_is_allocated() {
         ("binary_little_endian", format!("element a 9999999999\nelement vertex 0\n{xyz}"), "elements \"a\""),
         ("binary_little_endian", "element vertex 1\nproperty float x\nproperty float y\n".to_owned(), "no z"),
         ("binary_little_endian", "element points 1\nproperty float x\n".to_owned(), "\"vertex\", found none"),
-        ("binary_little_endian", format!("element vertex -1\n{xyz}"), "line 3"),
-        ("binary", format!("element vertex 1\n{xyz}"), "line 2"),
-        ("ascii", format!("element vertex 1\n{xyz}"), "line"),
+        (
+            "binary_little_endian",
+            format!("element vertex -1\n{xyz}"),
+            "line 3: expected a line of a PLY header",
+        ),
+        ("binary", format!("element vertex 1\n{xyz}"), "line 2: expected a line of a PLY header"),
+        ("ascii", format!("element vertex 1\n{xyz}"), "found \"1 2 x 4 5 6 7 8 9 0\""),
     ] {
         let path = save(folder.path(), &head(format, &elements), b"1 2 x 4 5 6 7 8 9 0 ");
         let error = ply::read(&path).unwrap_err().to_string();

@@ -194,11 +194,28 @@ fn read_payload<T: PropertyAccess>(
     Ok(())
 }
 
+/// The parser's error in this file, without what only its authors can read.
 fn malformed(path: &Path) -> impl FnOnce(ParseError) -> IoError {
     move |error| {
-        let place = error.line().map_or(Place::Whole, Place::Line);
-        IoError::malformed(path, place, error)
+        let text = error.to_string();
+        let Some(number) = error.line() else {
+            return IoError::malformed(path, Place::Whole, text.lines().next().unwrap_or_default());
+        };
+        let problem = match line(path, number) {
+            Some(found) => {
+                format!("expected a line of a PLY header or the numbers of an element, found {found:?}")
+            }
+            None => "expected another line, found the end of the file".to_owned(),
+        };
+        IoError::malformed(path, Place::Line(number), problem)
     }
+}
+
+/// The beginning of a line, counted from 1.
+fn line(path: &Path, number: usize) -> Option<String> {
+    let mut lines = BufReader::new(File::open(path).ok()?).split(b'\n');
+    let line = lines.nth(number - 1)?.ok()?;
+    Some(String::from_utf8_lossy(&line).trim_end().chars().take(60).collect())
 }
 
 /// An element that is skipped: all its properties are ignored.
