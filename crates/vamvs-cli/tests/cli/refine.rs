@@ -91,6 +91,24 @@ fn depth_maps_are_not_refined_over_themselves() {
 }
 
 #[test]
+fn maps_of_another_scene_leave_no_folder() {
+    let (scene, other) = (Scene::new(SIZE.width, SIZE.height, 3), Scene::new(SIZE.width, SIZE.height, 2));
+    coarse_maps(&scene);
+    for view in 0..2 {
+        for (folder, end) in [("cams", "_cam.txt"), ("images", ".png")] {
+            let name = |view: usize| other.path(&format!("{folder}/{view:04}{end}"));
+            std::fs::rename(name(view), name(view + 7)).unwrap();
+        }
+    }
+    std::fs::remove_file(other.path("pair.txt")).ok();
+    let mut run = vamvs();
+    run.arg("refine").arg(scene.out()).arg("--cams").arg(other.path("cams"));
+    run.arg("--images").arg(other.path("images")).arg("--out").arg(other.path("new"));
+    let said = error_of(&run.output().unwrap());
+    assert!(said.contains("no depth map could be refined") && !other.path("new").exists(), "{said}");
+}
+
+#[test]
 fn cameras_that_vamvs_has_not_written_stay() {
     let scene = Scene::new(SIZE.width, SIZE.height, 3);
     coarse_maps(&scene);

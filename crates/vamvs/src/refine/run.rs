@@ -287,6 +287,7 @@ impl<'a> Run<'a> {
             .filter(|&map| skipped.iter().all(|left_out| left_out.view != names[map]))
             .collect();
         if let (true, Some(LeftOut { view, reason })) = (there.is_empty(), skipped.first()) {
+            self.job.output.remove(names)?;
             return Err(VamvsError::Request(format!("no depth map could be refined: {view}: {reason}")));
         }
         let neighbours = self.job.maps.neighbours(names.len().min(10));
