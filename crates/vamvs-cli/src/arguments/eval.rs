@@ -50,9 +50,9 @@ pub struct EvalDepthArguments {
     /// Thresholds.
     #[command(flatten)]
     pub thresholds: DepthThresholdFlags,
-    /// Depth of one grey level of a 16-bit PNG, scene units.
-    #[arg(long, value_name = "DEPTH", default_value_t = 0.001)]
-    pub png_step: f64,
+    /// Depth of one grey level of a 16-bit PNG, scene units [default: as `png-step.txt` beside it says, else 0.001].
+    #[arg(long, value_name = "DEPTH")]
+    pub png_step: Option<f64>,
     /// General flags.
     #[command(flatten)]
     pub general: EvalGeneralFlags,

@@ -117,8 +117,12 @@ fn folders_of_depth_map_files_are_compared_by_name() {
         std::fs::create_dir_all(&ground_truth).unwrap();
         vamvs::io::depth::write(&file, &scene.views[view].depth, 0.0005).unwrap();
     }
-    for prediction in [estimates.root().to_owned(), estimates.root().join("depths")] {
-        let result = json(&["depth", "--png-step", "0.0005"], [&prediction, &ground_truth]);
+    let depths = estimates.root().join("depths");
+    for (prediction, step) in [(estimates.root(), &["--png-step", "0.0005"][..]), (&depths, &[])] {
+        if step.is_empty() {
+            write(&ground_truth.join("png-step.txt"), "0.0005\n");
+        }
+        let result = json(&[&["depth"], step].concat(), [prediction, &ground_truth]);
         let errors = &result["scenes"][0]["errors"];
         let all = &errors["total"][0];
         assert_eq!(

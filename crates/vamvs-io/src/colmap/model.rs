@@ -133,7 +133,7 @@ pub(crate) fn pose(quaternion: [f64; 4], translation: [f64; 3]) -> Result<Pose, 
     let [w, x, y, z] = quaternion;
     let norm = Quaternion::new(w, x, y, z).norm();
     if !norm.is_normal() {
-        return Err(format!("expected a rotation as a quaternion other than 0, found {quaternion:?}"));
+        return Err(format!("expected a rotation as a finite quaternion other than 0, found {quaternion:?}"));
     }
     let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z)).to_rotation_matrix();
     Pose::try_new(rotation.into_inner(), translation.into()).map_err(|error| error.to_string())

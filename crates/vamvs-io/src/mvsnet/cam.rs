@@ -177,7 +177,7 @@ fn range_end(numbers: &[f64], line: DepthLine) -> Result<(Option<f64>, Option<St
 fn range(words: &WordReader, near: f64, far: f64) -> Result<DepthRange, IoError> {
     DepthRange::try_new(near, far).map_err(|error| {
         words.malformed(format!(
-            "depth line: {error}; if its first two numbers mean something else, choose how the depth line is read"
+            "depth line: {error}; if its first two numbers mean something else, choose how the depth line is read (--depth-line)"
         ))
     })
 }

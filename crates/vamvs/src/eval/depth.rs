@@ -298,14 +298,15 @@ impl DepthScene {
 }
 
 /// Compares depth map files with true ones: two files, or the files of two folders that have the same names up to the
-/// extension. Formats follow from the extensions; `png_step` is the depth of one grey level of a PNG.
+/// extension. Formats follow from the extensions; `png_step` is the depth of one grey level of a PNG, by default that of
+/// the file `png-step.txt` beside it, and 0.001 if there is none.
 ///
 /// # Errors
 /// If a file cannot be read, the maps are of different shapes, the folders have no name in common, or thresholds in
 /// plane distances are given without `plane_distance`.
 pub fn compare_files(
     [prediction, ground_truth]: [&Path; 2],
-    png_step: f64,
+    png_step: Option<f64>,
     plane_distance: Option<f64>,
     thresholds: &[Threshold],
 ) -> Result<SceneErrors, VamvsError> {
@@ -328,12 +329,20 @@ pub fn compare_files(
     Ok(SceneErrors { views, total: regions(&total, thresholds), reliability: Reliability::default() })
 }
 
+/// The depth of one grey level as `png-step.txt` beside a PNG says; if there is none, that of millimetres in a scene in
+/// metres.
+fn step_beside(png: &Path) -> f64 {
+    let text = std::fs::read_to_string(png.with_file_name("png-step.txt")).unwrap_or_default();
+    text.trim().parse().unwrap_or(0.001)
+}
+
 fn file_samples(
     [prediction, ground_truth]: [&Path; 2],
-    png_step: f64,
+    png_step: Option<f64>,
     plane: Option<PlaneUnit>,
 ) -> Result<DepthSamples, VamvsError> {
-    let (depth, ground_truth) = (depth::read(prediction, png_step)?, depth::read(ground_truth, png_step)?);
+    let read = |path: &Path| depth::read(path, png_step.unwrap_or_else(|| step_beside(path)));
+    let (depth, ground_truth) = (read(prediction)?, read(ground_truth)?);
     let refused = |error: SizeMismatch| VamvsError::Request(error.to_string());
     let pixels = PixelMap::between_sizes(depth.size(), ground_truth.size()).map_err(refused)?;
     let ground_truth = pixels.sampled(&ground_truth, depth.size());

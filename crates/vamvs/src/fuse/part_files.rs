@@ -71,6 +71,15 @@ impl PartFiles {
     /// Opens a file; an error if it is of another fusion.
     pub fn open(&self, kind: Kind, part: Part) -> Result<FrameReader, VamvsError> {
         let path = self.path(kind, part);
+        if !path.is_file() {
+            let problem = match kind {
+                Kind::Counts | Kind::Pixels => {
+                    "is missing: run `vamvs fuse --step confirm` for its part first"
+                }
+                Kind::Points => "is missing: run `vamvs fuse --step merge` for its part first",
+            };
+            return Err(VamvsError::Folder { path, problem: problem.to_owned() });
+        }
         let file = File::open(&path).map_err(|source| IoError::System {
             action: "read",
             path: path.clone(),
