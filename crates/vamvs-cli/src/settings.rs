@@ -185,7 +185,7 @@ mod input {
     use std::path::Path;
     use vamvs::Input;
     use vamvs::io::masks::Masks;
-    use vamvs::io::mvsnet;
+    use vamvs::io::mvsnet::{self, DepthLine, PixelCentre};
 
     impl Settings {
         /// Lets input flags win. A scene given by a flag replaces that of the configuration, with
@@ -226,6 +226,14 @@ mod input {
         /// The scene's files.
         pub fn scene(&self) -> Result<Input> {
             let Self { cams, colmap, nerfstudio, bundler, nvm, openmvs, images, .. } = self.clone();
+            let has_mvsnet_settings = self.pairs.is_some()
+                || self.depth_line != DepthLine::default()
+                || self.pixel_centre != PixelCentre::default();
+            if cams.is_none() && has_mvsnet_settings {
+                bail!(
+                    "--pairs, --depth-line and --pixel-centre are of MVSNet's layout, whose cameras --cams gives"
+                );
+            }
             match (cams, colmap, nerfstudio, bundler, nvm, openmvs) {
                 (Some(cams), None, None, None, None, None) => {
                     let images = images.context("no photographs: give their folder with --images")?;

@@ -418,6 +418,8 @@ fn nonsense_on_the_command_line_is_refused() {
         let said = scene.error("reconstruct", arguments);
         assert!(said.contains(expected) && !scene.out().exists(), "{arguments:?}: {said}");
     }
+    let other = ["depth", "--colmap", "/nowhere", "--pairs", "/nowhere/pair.txt"];
+    assert!(error_of(&vamvs().args(other).output().unwrap()).contains("--cams"));
     let tiny = ["--roi", "-1e-2", "-1.5e-05", "-1", "1e-2", "1", "1", "--config", "/nowhere/run.toml"];
     assert!(scene.error("depth", &tiny).contains("/nowhere/run.toml"), "negative exponents are numbers");
     write(&scene.path("run.toml"), "[depth]\nveiws = 3\n");
