@@ -96,11 +96,12 @@ pub(crate) fn fit_to_memory(
     }
     method.use_smaller_pieces(SMALLER_PIECES);
     let (photographs, plan) = reduced((photographs, plan), scene, options, (method, memory.free()))?;
-    let size = longest_side(&plan);
+    let (size, left) = (longest_side(&plan), most_bytes(&plan, method));
+    let takes = if left > memory.free() { "but still takes" } else { "and takes" };
     let text = format!(
-        "a depth map takes about {}, and {memory}: it is made in smaller pieces, of photographs of {size} pixels, and takes about {}",
+        "a depth map takes about {}, and {memory}: it is made in smaller pieces, of photographs of {size} pixels, {takes} about {}",
         format_bytes(needed),
-        format_bytes(most_bytes(&plan, method)),
+        format_bytes(left),
     );
     tell(on_event, Event::Warning(text))?;
     Ok((photographs, plan))

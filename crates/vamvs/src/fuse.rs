@@ -92,7 +92,7 @@ fn write_cloud(
     let lone = views_without_neighbours(maps, neighbours, options.filter.min_views);
     lone.iter().try_for_each(|view| tell(on_event, Event::left_out(view)))?;
     let skipped = [maps.left_out(), &lone].concat();
-    let mut exporter = Exporter::begin(maps, cloud, exports, on_event)?;
+    let mut exporter = Exporter::begin(maps, cloud, exports)?;
     let begin = Instant::now();
     let report = run(&mut |fused| Ok(exporter.push(fused)?), on_event)?;
     let (points, fusing) = (report.total().points, begin.elapsed());

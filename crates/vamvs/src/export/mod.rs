@@ -85,6 +85,7 @@ pub(crate) struct Exporter<'a> {
     ply: PlyWriter,
     thinned: Thinned,
     exports: Exports<'a>,
+    options: &'a ExportOptions,
 }
 
 /// The exports next to the cloud.
@@ -98,17 +99,10 @@ struct Exports<'a> {
 }
 
 impl<'a> Exporter<'a> {
-    pub fn begin(
-        maps: &'a Maps,
-        cloud: &'a Path,
-        options: &ExportOptions,
-        on_event: &mut OnEvent<'_>,
-    ) -> Result<Self, VamvsError> {
-        let folder = folder_of(cloud);
-        options.warn_of_older(folder, on_event)?;
-        let exports = Exports::begin(maps, folder, options)?;
+    pub fn begin(maps: &'a Maps, cloud: &'a Path, options: &'a ExportOptions) -> Result<Self, VamvsError> {
+        let exports = Exports::begin(maps, folder_of(cloud), options)?;
         let ply = PlyWriter::create(cloud, maps.coordinates())?;
-        Ok(Self { cloud, ply, thinned: Thinned::default(), exports })
+        Ok(Self { cloud, ply, thinned: Thinned::default(), exports, options })
     }
 
     pub fn push(&mut self, fused: &FusedPoints) -> Result<(), VamvsError> {
@@ -136,6 +130,7 @@ impl<'a> Exporter<'a> {
         on_event: &mut OnEvent<'_>,
     ) -> Result<(), VamvsError> {
         self.ply.finish()?;
+        self.options.warn_of_older(folder_of(self.cloud), on_event)?;
         let Exports { maps, .. } = self.exports;
         let cameras = self.exports.write_views(neighbours, options, on_event)?;
         let points = self.thinned.into_points();
