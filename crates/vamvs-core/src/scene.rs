@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
 
-use crate::{Camera, DepthRange, Pose, Size};
+use crate::{Camera, DepthRange, Pose};
 
 /// Largest coordinate of a camera, scene units. Farther off, double precision leaves nothing for a scene's details.
 const FARTHEST: f64 = 1e12;
@@ -95,8 +95,8 @@ impl Scene {
     /// Checks what the types leave open: names, focal lengths, poses, depth ranges, and all indices of views.
     ///
     /// # Errors
-    /// If a view has no name, a focal length or a position that is not plausible, numbers that are not finite, or an invalid depth range;
-    /// if a point or a pair names a view that does not exist; if a list of source views holds the view itself, another one
+    /// If a view has no name, a focal length or a position that is not plausible, numbers that are not finite, or an
+    /// invalid depth range; if a point or a pair names a view that does not exist; if a list of source views holds the view itself, another one
     /// twice, or a score that is negative or not finite.
     pub fn validate(&self) -> Result<(), SceneError> {
         for (view, content) in self.views.iter().enumerate() {
@@ -155,10 +155,9 @@ impl View {
             let centre = pose.centre();
             Some(format!("expected a camera within {FARTHEST:e} of the origin, got {:?}", centre.as_slice()))
         } else if ![k.fx, k.fy].iter().all(|focal| self.plausible_focal_lengths().contains(focal)) {
-            let Size { width, height } = self.camera.size;
             Some(format!(
-                "expected focal lengths in pixels, 0.01 to 1000 times the longer side of {width}×{height}, got fx {}, fy {}",
-                k.fx, k.fy
+                "expected focal lengths in pixels, 0.01 to 1000 times the longer side of {}, got fx {}, fy {}",
+                self.camera.size, k.fx, k.fy
             ))
         } else {
             let DepthRange { near, far } = self.depth_range?;
@@ -168,7 +167,7 @@ impl View {
 
     /// From fields of view of nearly 180° to those of less than 0.1°: whoever means other units than pixels is beyond.
     fn plausible_focal_lengths(&self) -> RangeInclusive<f64> {
-        let longer = self.camera.size.width.max(self.camera.size.height) as f64;
+        let longer = self.camera.size.longer_side() as f64;
         0.01 * longer..=1000.0 * longer
     }
 }
@@ -176,7 +175,7 @@ impl View {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Intrinsics, Lens};
+    use crate::{Intrinsics, Lens, Size};
 
     fn scene() -> Scene {
         let intrinsics = Intrinsics { fx: 100.0, fy: 100.0, cx: 32.0, cy: 24.0 };

@@ -44,6 +44,24 @@ pub fn write(path: &Path, depth: &Grid<f32>, png_step: f64) -> Result<(), IoErro
     }
 }
 
+/// The file beside PNGs that holds the depth of one grey level, scene units.
+pub const PNG_STEP_FILE: &str = "png-step.txt";
+
+/// What [`PNG_STEP_FILE`] beside a depth map says; `None` if there is none, or the depth map is no PNG.
+///
+/// # Errors
+/// If the file cannot be read, or holds no depth above 0.
+pub fn png_step_beside(path: &Path) -> Result<Option<f64>, IoError> {
+    let file = path.with_file_name(PNG_STEP_FILE);
+    if !matches!(Format::of(path)?, Format::Png) || !file.is_file() {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(&file).map_err(IoError::system("read", &file))?;
+    let step = text.trim().parse().ok().filter(|step: &f64| step.is_finite() && *step > 0.0);
+    let problem = "expected the depth of one grey level, above 0";
+    step.map(Some).ok_or_else(|| IoError::malformed(&file, Place::Whole, problem))
+}
+
 /// Whether a depth can be written to a 16-bit PNG with steps of `png_step`; pixels without depth can.
 #[must_use]
 pub fn fits_png(depth: f32, png_step: f64) -> bool {
@@ -148,6 +166,20 @@ mod tests {
             [(65.534, 0.001), (65.6, 0.002), (2.0, 5e-5), (500.0, 0.01), (1e7, 200.0), (0.0, 1.0)]
         {
             assert_eq!(fitting_png_step(farthest), expected, "{farthest}");
+        }
+    }
+
+    #[test]
+    fn the_step_beside_a_png_is_that_of_its_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let [png, pfm, file] = ["d.png", "d.pfm", PNG_STEP_FILE].map(|name| folder.path().join(name));
+        assert_eq!(png_step_beside(&png).unwrap(), None);
+        std::fs::write(&file, "0.0005\n").unwrap();
+        assert_eq!((png_step_beside(&png).unwrap(), png_step_beside(&pfm).unwrap()), (Some(0.0005), None));
+        for wrong in ["", "0", "-1", "NaN", "1 mm"] {
+            std::fs::write(&file, wrong).unwrap();
+            let error = png_step_beside(&png).unwrap_err().to_string();
+            assert!(error.contains(PNG_STEP_FILE), "{wrong:?}: {error}");
         }
     }
 

@@ -35,7 +35,7 @@ struct Task {
 /// Runs the command.
 pub fn run(arguments: &TasksArguments) -> Result<()> {
     let reconstruct = &arguments.reconstruct;
-    let mut settings = depth::settings(&reconstruct.depth)?;
+    let mut settings = depth::settings(&reconstruct.depth)?.absolute()?;
     settings.apply_fusion(&reconstruct.fusion);
     settings.apply_export(&reconstruct.export);
     settings.fusion.validate()?;
@@ -105,8 +105,7 @@ impl Graph<'_> {
         };
         let sources = self.with_sources(own);
         // The views of photographs that are missing will be left out.
-        let inputs = sources.iter().filter_map(photograph).filter(|path| path.is_file());
-        let inputs = inputs.map(|path| std::path::absolute(&path).unwrap_or(path)).collect();
+        let inputs = sources.iter().filter_map(photograph).filter(|path| path.is_file()).collect();
         let gpu = self.work.method.is_on_gpu();
         Task { inputs, gpu, ..self.depth_step(DepthStep::Photometric, part) }
     }

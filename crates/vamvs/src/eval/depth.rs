@@ -329,19 +329,18 @@ pub fn compare_files(
     Ok(SceneErrors { views, total: regions(&total, thresholds), reliability: Reliability::default() })
 }
 
-/// The depth of one grey level as `png-step.txt` beside a PNG says; if there is none, that of millimetres in a scene in
-/// metres.
-fn step_beside(png: &Path) -> f64 {
-    let text = std::fs::read_to_string(png.with_file_name("png-step.txt")).unwrap_or_default();
-    text.trim().parse().unwrap_or(0.001)
-}
+/// The depth of one grey level of a PNG that nothing is said about: millimetres in a scene in metres.
+const USUAL_PNG_STEP: f64 = 0.001;
 
 fn file_samples(
     [prediction, ground_truth]: [&Path; 2],
     png_step: Option<f64>,
     plane: Option<PlaneUnit>,
 ) -> Result<DepthSamples, VamvsError> {
-    let read = |path: &Path| depth::read(path, png_step.unwrap_or_else(|| step_beside(path)));
+    let read = |path: &Path| {
+        let step = png_step.map_or_else(|| depth::png_step_beside(path), |step| Ok(Some(step)))?;
+        depth::read(path, step.unwrap_or(USUAL_PNG_STEP))
+    };
     let (depth, ground_truth) = (read(prediction)?, read(ground_truth)?);
     let refused = |error: SizeMismatch| VamvsError::Request(error.to_string());
     let pixels = PixelMap::between_sizes(depth.size(), ground_truth.size()).map_err(refused)?;

@@ -117,7 +117,7 @@ impl DepthFolder {
     }
 
     fn png_step_file(&self) -> PathBuf {
-        self.root.join("png-step.txt")
+        self.root.join(depth::PNG_STEP_FILE)
     }
 }
 

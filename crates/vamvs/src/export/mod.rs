@@ -197,6 +197,7 @@ impl ExportOptions {
 impl<'a> Exports<'a> {
     fn begin(maps: &'a Maps, folder: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
         options.expect_apart(folder, [maps.root()])?;
+        let depths = DepthFolder::new(maps, folder, options)?;
         let begin = |program: &ExportTarget| {
             let target = folder.join(program.folder());
             let entries = target.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
@@ -211,7 +212,6 @@ impl<'a> Exports<'a> {
         };
         let colmap = wanted(ExportTarget::Colmap).map(|folder| ColmapWorkspace::begin(maps, &folder));
         let openmvs = wanted(ExportTarget::Openmvs).map(|folder| OpenmvsScene::begin(maps, &folder));
-        let depths = DepthFolder::new(maps, folder, options)?;
         Ok(Self { maps, colmap: colmap.transpose()?, openmvs: openmvs.transpose()?, depths, _locks: locks })
     }
 
@@ -260,13 +260,11 @@ impl<'a> Exports<'a> {
 /// Removes the unfinished files of a killed run from a folder and the folders in it.
 fn remove_all_unfinished(folder: &Path) -> Result<(), VamvsError> {
     remove_unfinished(folder)?;
-    let folders = folder
-        .read_dir()
-        .into_iter()
-        .flatten()
-        .flatten()
-        .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()));
-    folders.into_iter().try_for_each(|entry| remove_all_unfinished(&entry.path()))
+    let mut entries = folder.read_dir().into_iter().flatten().flatten();
+    entries.try_for_each(|entry| {
+        let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
+        if is_folder { remove_all_unfinished(&entry.path()) } else { Ok(()) }
+    })
 }
 
 /// A view as it is exported.
