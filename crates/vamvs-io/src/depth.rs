@@ -174,10 +174,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let [png, pfm, file] = ["d.png", "d.pfm", PNG_STEP_FILE].map(|name| folder.path().join(name));
         assert_eq!(png_step_beside(&png).unwrap(), None);
-        std::fs::write(&file, "0.0005\n").unwrap();
+        let write = |text: &str| crate::atomic::write(&file, |out| out.write_all(text.as_bytes())).unwrap();
+        write("0.0005\n");
         assert_eq!((png_step_beside(&png).unwrap(), png_step_beside(&pfm).unwrap()), (Some(0.0005), None));
         for wrong in ["", "0", "-1", "NaN", "1 mm"] {
-            std::fs::write(&file, wrong).unwrap();
+            write(wrong);
             let error = png_step_beside(&png).unwrap_err().to_string();
             assert!(error.contains(PNG_STEP_FILE), "{wrong:?}: {error}");
         }
