@@ -115,7 +115,8 @@ impl Geometries {
         let between = upper + fy * (lower - upper);
         let is_left = fx.simd_lt(half);
         let nearest = fy.simd_lt(half).select(is_left.select(a, b), is_left.select(c, d));
-        low.simd_lt(Four::splat(1.0 - JUMP) * high).select(nearest, between)
+        // Where coordinates are NaN, as behind a source's camera, so is `between` on processors whose maximum passes NaN on.
+        in_map & low.simd_lt(Four::splat(1.0 - JUMP) * high).select(nearest, between)
     }
 
     /// The reprojection errors of those sources that are `wanted`, as [`Geometries::seen`] gives them, at most `most`; 0 of
