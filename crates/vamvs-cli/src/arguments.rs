@@ -11,7 +11,7 @@ mod tasks;
 #[cfg(feature = "net")]
 mod train;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{ArgAction, Args, Parser, Subcommand};
 use vamvs::MemoryLimit;
@@ -102,6 +102,9 @@ impl Command {
         match self {
             #[cfg(feature = "net")]
             Self::Train(_) => GOES_ON,
+            Self::Reconstruct(arguments) if arguments.depth.force => GOES_ON_WITHOUT_FORCE,
+            Self::Depth(DepthCommand { depth, .. }) if depth.force => GOES_ON_WITHOUT_FORCE,
+            Self::Refine(arguments) if arguments.force => GOES_ON_WITHOUT_FORCE,
             Self::Reconstruct(_) | Self::Depth(_) | Self::Synth(_) | Self::Refine(_) => GOES_ON,
             _ => "stopped; no file is half-written, the same command again starts anew",
         }
@@ -110,6 +113,10 @@ impl Command {
 
 /// For commands that keep finished work.
 const GOES_ON: &str = "stopped; what is finished is kept, the same command again goes on from there";
+
+/// For those that were asked to make everything anew.
+const GOES_ON_WITHOUT_FORCE: &str =
+    "stopped; what is finished is kept, the same command without --force goes on from there";
 
 const RECONSTRUCT_EXAMPLES: &str = "\
 Examples:
@@ -170,7 +177,10 @@ impl DepthArguments {
     /// The output folder.
     pub fn out(&self) -> PathBuf {
         let settings = self.common.config.as_deref().filter(|file| file.ends_with("run.toml"));
-        let of_settings = || Some(settings?.parent()?.to_owned());
+        let of_settings = || {
+            let folder = settings?.parent()?;
+            Some(if folder.as_os_str().is_empty() { Path::new(".") } else { folder }.to_owned())
+        };
         self.out.clone().or_else(of_settings).unwrap_or_else(|| PathBuf::from("vamvs-out"))
     }
 }

@@ -3,7 +3,7 @@
 //! In the dynamic rule each source view votes. A vote is the geometric mean of the source's and the
 //! pixel's own confidence, times 1 − e, where e is the error of the round trip as a share of its
 //! threshold ([`Answers::error`]), times the triangulation angle as a share of [`FULL_PARALLAX`],
-//! at most 1. Views that see through the point to a surface clearly behind it (free-space
+//! at most 1; views without such an angle, such as a photograph's copies, are no voters. Views that see through the point to a surface clearly behind it (free-space
 //! violations) vote against it. The sum of votes times the number of views that agree must reach
 //! [`FuseOptions::min_support`], and four times that at an edge of the depth map. So few views must agree closely and be confident, while many may
 //! agree loosely, as in the dynamic consistency checking of D2HC-RMVSNet (Yan et al. 2020), but
@@ -26,6 +26,9 @@ use crate::{Consistency, FuseOptions};
 
 /// The triangulation angle from which a vote counts in full, radians (2°).
 const FULL_PARALLAX: f32 = 0.035;
+
+/// The least share of [`FULL_PARALLAX`] of a voter.
+const LEAST_PARALLAX: f32 = 0.1;
 
 /// A view sees through a point if what it sees there lies behind it by more than this many times
 /// [`FuseOptions::max_relative_depth`].
@@ -89,7 +92,8 @@ impl<'a> Rule<'a> {
             move_together(&mut all);
             for Candidates { strip, values: tally, open } in &mut all {
                 ask(pair, strip, *open, &mut answers);
-                count(&answers, CLEARLY_BEHIND * self.options.max_relative_depth, tally);
+                let margin = CLEARLY_BEHIND * self.options.max_relative_depth;
+                count(&answers, margin, self.votes.least_parallax, tally);
             }
         }
         self.decide(&mut all, 0, confirmed);
@@ -147,15 +151,19 @@ struct Votes {
     contradiction: f32,
     /// Number of other views that must agree.
     least_views: f32,
+    /// The least triangulation angle of a view that agrees, as a share of [`FULL_PARALLAX`].
+    least_parallax: f32,
     are_counted_only: bool,
 }
 
 impl Votes {
     fn of(options: &FuseOptions) -> Self {
+        let are_counted_only = options.consistency == Consistency::Classic;
         Self {
             contradiction: options.contradiction,
             least_views: (options.min_views - 1) as f32,
-            are_counted_only: options.consistency == Consistency::Classic,
+            least_parallax: if are_counted_only { 0.0 } else { LEAST_PARALLAX },
+            are_counted_only,
         }
     }
 
@@ -208,16 +216,16 @@ fn mark_edges_any(own: &Lanes, other: &Lanes, step: f32, edges: &mut Lanes<bool>
 
 widened! {
     /// Counts the answers of a source view. It votes against points that are in front of its
-    /// surface by more than the share `margin` of its depth.
-    fn count(answers: &Answers, margin: f32, tally: &mut Tally) = count_any;
+    /// surface by more than the share `margin` of its depth, and agrees only from the angle `least_parallax` on.
+    fn count(answers: &Answers, margin: f32, least_parallax: f32, tally: &mut Tally) = count_any;
 }
 
 #[inline(always)]
-fn count_any(answers: &Answers, margin: f32, tally: &mut Tally) {
+fn count_any(answers: &Answers, margin: f32, least_parallax: f32, tally: &mut Tally) {
     for lane in 0..LANES {
         let (error, angle) = (answers.error[lane], answers.parallax[lane] * (1.0 / FULL_PARALLAX));
         let (angle, sure) = (at_most_1(angle), answers.sureness[lane]);
-        let agrees = error < 1.0;
+        let agrees = (error < 1.0) & (angle >= least_parallax);
         let sees_through = answers.nearest_inverse_depth[lane] < (1.0 - margin) * answers.expected[lane];
         tally.views[lane] += if agrees { 1.0 } else { 0.0 };
         tally.support[lane] += if agrees { (1.0 - error) * angle * sure } else { 0.0 };
@@ -334,6 +342,15 @@ mod tests {
         for elsewhere in [(35, 24), (32, 21), (33, 25)] {
             assert!(confirmed_with(1, elsewhere), "{elsewhere:?}");
         }
+    }
+
+    #[test]
+    fn copies_of_a_photograph_are_no_voters() {
+        let options = FuseOptions::default();
+        let (sure, unsure) = (Wall::new(0.5, 0.001), Wall { confidence: 0.15, ..Wall::new(0.5, 0.001) });
+        assert!(!is_confirmed(&[OWN, unsure, OWN, OWN, OWN], &options));
+        assert!(!is_confirmed(&[OWN, sure, OWN, OWN], &FuseOptions { min_views: 3, ..options.clone() }));
+        assert!(is_confirmed(&[OWN, unsure, unsure, unsure], &options), "others are");
     }
 
     #[test]

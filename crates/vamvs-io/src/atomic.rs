@@ -32,12 +32,15 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -
     file.commit()
 }
 
-/// Refuses to replace a file that is not of the kind that will be written: `is_same_kind` looks at its first bytes. A file
-/// that is empty or cannot be read may be replaced.
+/// Refuses to replace a folder, or a file that is not of the kind that will be written: `is_same_kind` looks at its first
+/// bytes. A file that is empty or cannot be read may be replaced.
 ///
 /// # Errors
-/// If there is such a file.
+/// If there is such a file or folder.
 pub fn expect_kind(path: &Path, is_same_kind: impl Fn(&[u8]) -> bool) -> Result<(), IoError> {
+    if path.is_dir() {
+        return Err(IoError::system("write", path)(io::ErrorKind::IsADirectory.into()));
+    }
     let mut begin = Vec::new();
     let read = File::open(path).and_then(|file| file.take(4096).read_to_end(&mut begin));
     if read.is_err() || begin.is_empty() || is_same_kind(&begin) {

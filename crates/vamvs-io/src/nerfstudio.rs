@@ -147,7 +147,8 @@ fn stated_size(frame: &Fields) -> Result<Option<Size>, IoError> {
 fn intrinsics(frame: &Fields, size: Size) -> Result<Intrinsics, IoError> {
     let (width, height) = (size.width as f64, size.height as f64);
     let focal = |length: &str, angle: &str, side: f64| -> Result<Option<f64>, IoError> {
-        if let Some(focal) = frame.number(length)? {
+        let has_own_angle = frame.own.contains_key(angle) && !frame.own.contains_key(length);
+        if let (Some(focal), false) = (frame.number(length)?, has_own_angle) {
             return Ok(Some(focal));
         }
         let Some(radians) = frame.number(angle)? else { return Ok(None) };

@@ -119,6 +119,12 @@ fn a_frame_has_the_last_word_and_what_is_missing_comes_from_the_image() {
     let mut rows = frame("b.png", 1);
     rows["transform_matrix"].as_array_mut().unwrap().pop();
     let angle = 2.0 * (0.5_f64 * 8.0 / 9.0).atan();
+    let mut turned = frame("b.png", 1);
+    turned["camera_angle_x"] = json!(angle);
+    let shared = json!({"fl_x": 30.0, "frames": [turned, frame("c.png", 2)]});
+    let views = read_transforms(&files, &shared).unwrap().scene.views;
+    assert!((views[0].camera.intrinsics.fx - 9.0).abs() < 1e-12, "its own angle, not the length of all");
+    assert!((views[1].camera.intrinsics.fx - 30.0).abs() < 1e-12);
     let transforms = json!({"camera_angle_x": angle, "frames": [own, rows, frame("c.png", 2)]});
     let views = read_transforms(&files, &transforms).unwrap().scene.views;
     assert_eq!(views[0].camera.lens, Lens::Fisheye { k: [0.0, 0.0, 0.0, 0.25] });

@@ -80,9 +80,10 @@ pub fn prepare(job: &DepthJob<'_>) -> Result<(), VamvsError> {
 fn prepare_alone(job: &DepthJob<'_>) -> Result<Lock, VamvsError> {
     let DepthJob { work, output, .. } = job;
     output.expect_apart(work.photographs.folder())?;
-    let maps = planned_maps(work);
+    let (maps, views) = (planned_maps(work), names(&work.scene.views));
     let maps: Vec<&str> = maps.iter().map(String::as_str).collect();
-    let lock = output.prepare_alone(&maps)?;
+    let views: Vec<&str> = views.iter().map(String::as_str).collect();
+    let lock = output.prepare_alone(&maps, &views)?;
     let first = first_folder(job);
     if first == **output {
         // An interrupted run with two passes may have left first-pass maps.
@@ -92,7 +93,7 @@ fn prepare_alone(job: &DepthJob<'_>) -> Result<Lock, VamvsError> {
         }
     } else {
         first.expect_apart(work.photographs.folder())?;
-        first.prepare(&maps)?;
+        first.prepare_alone(&maps, &views)?;
     }
     output.forget_views()?;
     Ok(lock)

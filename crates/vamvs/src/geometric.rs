@@ -34,30 +34,38 @@ pub(crate) enum Needed {
 /// source view that has none is compared by its photograph alone.
 ///
 /// # Errors
-/// If the view's own first-pass map cannot be read, or there is no source view.
+/// If a first-pass map cannot be read, the view has none, or there is no source view.
 pub(crate) fn refined(
-    first: impl Fn(usize, Needed) -> Result<Rc<LoadedMap>, VamvsError>,
+    first: impl Fn(usize, Needed) -> Result<Option<Rc<LoadedMap>>, VamvsError>,
     (view, reference): (usize, &Photo),
     sources: &[(usize, Rc<Photo>)],
     options: &RefineOptions,
 ) -> Result<Refined, VamvsError> {
     let own = first(view, Needed::Normals)?;
+    let own = own.ok_or_else(|| VamvsError::Request("it has no depth map of the first pass".to_owned()))?;
     let missing = || "the depth map of its first pass has no normals: remove photometric/ and run again";
     let normals = own.normals.as_ref().ok_or_else(|| VamvsError::Request(missing().to_owned()))?;
     let normals = normals.map(|normal| in_camera(normal, &own.map.cam_from_world));
     let maps: Vec<Option<Rc<LoadedMap>>> =
-        sources.iter().map(|(source, _)| first(*source, Needed::Depth).ok()).collect();
+        sources.iter().map(|(source, _)| first(*source, Needed::Depth)).collect::<Result<_, _>>()?;
     let maps: Vec<Option<&DepthMap>> = maps.iter().map(|map| map.as_ref().map(|map| &map.map)).collect();
     let photos: Vec<&Photo> = sources.iter().map(|(_, photo)| photo.as_ref()).collect();
     Ok(refine_geometric(reference, &photos, &Surface { map: &own.map, normals: &normals }, &maps, options)?)
 }
 
-/// A first-pass map from the folder of the first pass.
-pub(crate) fn loaded(folder: &OutputFolder, name: &str, needed: Needed) -> Result<Rc<LoadedMap>, VamvsError> {
-    Ok(Rc::new(match needed {
+/// A first-pass map from the folder of the first pass, if it is there.
+pub(crate) fn loaded(
+    folder: &OutputFolder,
+    name: &str,
+    needed: Needed,
+) -> Result<Option<Rc<LoadedMap>>, VamvsError> {
+    if folder.saved(name).is_none() {
+        return Ok(None);
+    }
+    Ok(Some(Rc::new(match needed {
         Needed::Depth => folder.load_without_normals(name)?,
         Needed::Normals => folder.load(name)?,
-    }))
+    })))
 }
 
 fn in_camera(normal: &[f32; 3], cam_from_world: &Pose) -> [f32; 3] {

@@ -38,7 +38,8 @@ impl<'a> Identity<'a> {
         let sizes = (photographs.max_size(), photographs.full_size(), photographs.enlarge());
         let mut hasher = blake3::Hasher::new();
         hasher.update(format!("{} {sizes:?} {:?}", self.common, photographs.brightness()).as_bytes());
-        hasher.update(format!("{:?} {}", options.refine, options.geometric).as_bytes());
+        let steps = (options.refine, options.geometric, options.visibility);
+        hasher.update(format!("{steps:?}").as_bytes());
         for (view, plan) in scene.views.iter().zip(&plan.views) {
             hasher.update(format!("{view:?} {plan:?}").as_bytes());
         }

@@ -163,14 +163,16 @@ impl OutputFolder {
     /// If a folder cannot be made, or the folder holds depth maps of other views, or files that vamvs has not written and
     /// would overwrite.
     pub fn prepare(&self, names: &[&str]) -> Result<(), VamvsError> {
-        self.prepare_alone(names).map(drop)
+        self.prepare_alone(names, names).map(drop)
     }
 
-    /// As [`OutputFolder::prepare`]; while the lock is held, no other process may write to the folder.
-    pub(crate) fn prepare_alone(&self, names: &[&str]) -> Result<Lock, VamvsError> {
-        self.expect_only(names)?;
+    /// As [`OutputFolder::prepare`], but depth maps of other names that an earlier run has made of the views called `views`
+    /// are removed. While the lock is held, no other process may write to the folder.
+    pub(crate) fn prepare_alone(&self, names: &[&str], views: &[&str]) -> Result<Lock, VamvsError> {
+        let stale = self.stale(names, views)?;
         self.make_folders(names)?;
         let lock = Lock::alone(&self.root)?;
+        stale.iter().try_for_each(|name| self.discard(name))?;
         let folders = FOLDERS.iter().chain(&["normals", "visibility", "."]);
         folders.into_iter().try_for_each(|folder| remove_unfinished(&self.root.join(folder)))?;
         Ok(lock)
@@ -236,17 +238,24 @@ impl OutputFolder {
         if file.is_file() { read_json(&file) } else { Ok(Vec::new()) }
     }
 
-    /// Refuses a folder with depth maps of other views, which would be fused with these.
-    fn expect_only(&self, names: &[&str]) -> Result<(), VamvsError> {
-        let expected: HashSet<_> = names.iter().map(|name| format!("{name}_cam.txt")).collect();
-        let Ok(entries) = std::fs::read_dir(self.cams()) else { return Ok(()) };
-        let found = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
-        match found.into_iter().find(|file| file.ends_with("_cam.txt") && !expected.contains(file)) {
-            None => Ok(()),
-            Some(file) => Err(VamvsError::Folder {
+    /// The depth maps that are there but not among `names`. Refuses those of views other than `views`, which would be fused
+    /// with these.
+    fn stale(&self, names: &[&str], views: &[&str]) -> Result<Vec<String>, VamvsError> {
+        let (names, views): (HashSet<_>, HashSet<_>) = (names.iter().collect(), views.iter().collect());
+        let Ok(entries) = std::fs::read_dir(self.cams()) else { return Ok(Vec::new()) };
+        let files = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+        let maps = files.filter_map(|file| Some(file.strip_suffix("_cam.txt")?.to_owned()));
+        let stale: Vec<String> = maps.filter(|map| !names.contains(&map.as_str())).collect();
+        // Coarser maps of a view are called NAME@SCALE.
+        let view = |map: &str| map.rsplit_once('@').map_or(map, |(view, _)| view).to_owned();
+        let is_known = |map: &String| views.contains(&map.as_str()) || views.contains(&view(map).as_str());
+        let is_own = self.is_own();
+        match stale.iter().find(|map| !is_own || !is_known(map)) {
+            None => Ok(stale),
+            Some(map) => Err(VamvsError::Folder {
                 path: self.cams(),
                 problem: format!(
-                    "{file} is of a view that is not part of this run: choose another --out, or remove the old folder"
+                    "{map}_cam.txt is of a view that is not part of this run: choose another --out, or remove the old folder"
                 ),
             }),
         }
@@ -472,5 +481,42 @@ pub(crate) fn remove(path: &Path) -> Result<(), VamvsError> {
             Err(IoError::System { action: "remove", path: path.to_owned(), source }.into())
         }
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vamvs_core::{Grid, Intrinsics, Pinhole, Pose, Rgb};
+
+    fn save(folder: &OutputFolder, name: &str) {
+        let size = Size::new(2, 1);
+        let intrinsics = Intrinsics { fx: 2.0, fy: 2.0, cx: 1.0, cy: 0.5 };
+        let map = DepthMap {
+            camera: Pinhole { size, intrinsics },
+            cam_from_world: Pose::identity(),
+            depth: Grid::filled(size, 1.0),
+            confidence: Grid::filled(size, 1.0),
+            coarse_confidence: None,
+        };
+        let colour = Grid::filled(size, Rgb::default());
+        let range = DepthRange { near: 0.5, far: 2.0 };
+        let saved = SavedMap { map: &map, range, colour: &colour, normals: None };
+        folder.save(name, &saved, &Record::default()).unwrap();
+    }
+
+    #[test]
+    fn depth_maps_that_are_not_planned_any_more_go_and_those_of_other_scenes_are_refused() {
+        let guard = tempfile::tempdir().unwrap();
+        let folder = OutputFolder::new(guard.path());
+        let there = || ["a", "b", "b@4"].map(|name| folder.saved(name).is_some());
+        folder.prepare(&["a", "b", "b@4"]).unwrap();
+        ["a", "b", "b@4"].iter().for_each(|name| save(&folder, name));
+        drop(folder.prepare_alone(&["a", "b"], &["a", "b"]).unwrap());
+        assert_eq!(there(), [true, true, false]);
+        assert!(folder.prepare_alone(&["a"], &["a"]).is_err());
+        assert_eq!(there(), [true, true, false]);
+        drop(folder.prepare_alone(&["a"], &["a", "b"]).unwrap());
+        assert_eq!(there(), [true, false, false]);
     }
 }

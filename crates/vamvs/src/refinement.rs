@@ -87,7 +87,7 @@ impl<'a> Refinement<'a> {
         &mut self,
         view: usize,
         sources: &[usize],
-        first: impl Fn(usize, Needed) -> Result<Rc<LoadedMap>, VamvsError>,
+        first: impl Fn(usize, Needed) -> Result<Option<Rc<LoadedMap>>, VamvsError>,
     ) -> Result<(Refined, Rc<Photo>), VamvsError> {
         let reference = self.photo(view)?;
         // A source view that cannot be read is reported when it is processed itself.

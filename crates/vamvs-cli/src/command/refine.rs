@@ -17,7 +17,6 @@ use crate::settings::Settings;
 /// Runs the command.
 pub fn run(arguments: &RefineArguments) -> Result<()> {
     let mut settings = Settings::load(&arguments.common)?;
-    settings.apply_input(&arguments.input);
     settings.use_threads()?;
     let progress = Progress::of(&arguments.common);
     let mut show = |event| progress.show(event);
@@ -27,6 +26,7 @@ pub fn run(arguments: &RefineArguments) -> Result<()> {
     if settings.input.given().next().is_none() {
         settings.apply_run(maps.root())?;
     }
+    settings.apply_input(&arguments.input);
     let given = Photographed::new(arguments, &settings, &maps, &progress)?;
     let output = OutputFolder::new(&out(arguments, &maps));
     if settings.input.given().chain([maps.root()]).any(|input| is_same(input, output.root())) {
@@ -76,8 +76,9 @@ impl Photographed {
         let mut options = settings.depth.clone();
         options.max_size = max_size;
         if settings.input.given().next().is_none() {
-            let images = maps.root().join("images");
-            progress.say(&format!("photographs beside the depth maps, in {}", images.display()));
+            let beside = || maps.root().join("images");
+            let images = settings.input.images.clone().unwrap_or_else(beside);
+            progress.say(&format!("photographs of the depth maps' names, in {}", images.display()));
             let masks = settings.input.masks(&Masks::None)?;
             let photographs = Photographs::new(&images, masks, &options).full();
             return Ok(Self { scene: maps.scene().clone(), photographs });

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use vamvs::core::Part;
 use vamvs::depth::{DepthJob, DepthStep, record_file};
@@ -35,6 +35,11 @@ struct Task {
 /// Runs the command.
 pub fn run(arguments: &TasksArguments) -> Result<()> {
     let reconstruct = &arguments.reconstruct;
+    if reconstruct.depth.force {
+        bail!(
+            "--force: tasks do what is not done; to do all of it again, choose another --out or remove the old folder"
+        );
+    }
     let mut settings = depth::settings(&reconstruct.depth)?.absolute()?;
     settings.apply_fusion(&reconstruct.fusion);
     settings.apply_export(&reconstruct.export);
@@ -57,6 +62,7 @@ pub fn run(arguments: &TasksArguments) -> Result<()> {
         out: &out,
         settings: &settings,
         report: !reconstruct.no_report,
+        strict: reconstruct.depth.common.strict,
         parts,
     };
     for task in graph.tasks()? {
@@ -72,6 +78,8 @@ struct Graph<'a> {
     out: &'a Path,
     settings: &'a Settings,
     report: bool,
+    /// Whether views that are left out are an error.
+    strict: bool,
     parts: usize,
 }
 
@@ -106,8 +114,7 @@ impl Graph<'_> {
         let sources = self.with_sources(own);
         // The views of photographs that are missing will be left out.
         let inputs = sources.iter().filter_map(photograph).filter(|path| path.is_file()).collect();
-        let gpu = self.work.method.is_on_gpu();
-        Task { inputs, gpu, ..self.depth_step(DepthStep::Photometric, part) }
+        Task { inputs, ..self.depth_step(DepthStep::Photometric, part) }
     }
 
     fn geometric(&self, part: Part, needed: &BTreeSet<usize>) -> Task {
@@ -125,8 +132,14 @@ impl Graph<'_> {
         let flags = ["--step".to_owned(), step.to_string(), "--part".to_owned(), part.to_string()];
         Task {
             outputs: vec![record_file(self.output, step, part)],
-            ..self.task(depth_id(step, part), self.depth_command(flags))
+            ..self.depth_task(depth_id(step, part), self.depth_command(flags))
         }
+    }
+
+    /// A task of depth maps. Those of the network alone use a GPU, but the others must find what was made there as it would
+    /// be made again: records of depth maps tell those of a GPU from others.
+    fn depth_task(&self, id: String, argv: Vec<String>) -> Task {
+        Task { gpu: self.work.method.is_on_gpu(), ..self.task(id, argv) }
     }
 
     fn collect(&self) -> Task {
@@ -136,7 +149,7 @@ impl Graph<'_> {
             inputs: Part::all(self.parts).map(|part| record_file(self.output, last, part)).collect(),
             outputs: vec![self.output.pairs()],
             dependencies: Part::all(self.parts).map(|part| depth_id(last, part)).collect(),
-            ..self.task("collect".to_owned(), self.depth_command(flags))
+            ..self.depth_task("collect".to_owned(), self.if_strict(self.depth_command(flags)))
         }
     }
 
@@ -193,12 +206,19 @@ impl Graph<'_> {
     }
 
     fn fuse_command(&self, flags: [String; 4]) -> Vec<String> {
-        self.command(vec!["vamvs".to_owned(), "fuse".to_owned(), path_text(self.out)], flags)
+        let start = vec!["vamvs".to_owned(), "fuse".to_owned(), path_text(self.out)];
+        self.if_strict(self.command(start, flags))
     }
 
     fn command(&self, start: Vec<String>, flags: [String; 4]) -> Vec<String> {
         let config = ["--quiet".to_owned(), "--config".to_owned(), path_text(&self.out.join("run.toml"))];
         start.into_iter().chain(config).chain(flags).collect()
+    }
+
+    /// A command that ends with an error if views are left out, if that is asked for.
+    fn if_strict(&self, mut argv: Vec<String>) -> Vec<String> {
+        argv.extend(self.strict.then(|| "--strict".to_owned()));
+        argv
     }
 
     /// The views and their source views.

@@ -1,6 +1,6 @@
 //! Bad input: a clear error with exit code 1, or handling that the documentation describes.
 
-use crate::scene::{Scene, content, error_of, expect_success, stderr, vamvs, write};
+use crate::scene::{Scene, content, error_of, expect_success, stderr, truncate, vamvs, write};
 use vamvs::core::{Grid, Size};
 use vamvs::io::image;
 use vamvs::output::Record;
@@ -435,4 +435,26 @@ fn the_settings_that_are_written_repeat_the_run() {
     let output = vamvs().args(["depth", "--config"]).arg(&config).output().unwrap();
     expect_success(&output);
     assert!(stderr(&output).contains("0 depth maps made, 3 were there"), "{}", stderr(&output));
+    // Also from the folder itself, in which everything else is as new as the cloud.
+    expect_success(&vamvs().args(["reconstruct", "--config"]).arg(&config).output().unwrap());
+    let fusion = || std::fs::read(scene.out().join("fusion.json")).unwrap();
+    let before = fusion();
+    let mut again = vamvs();
+    again.current_dir(scene.out()).args(["reconstruct", "--config", "run.toml", "--min-views", "3"]);
+    expect_success(&again.output().unwrap());
+    assert!(fusion() != before);
+    expect_success(
+        &vamvs().current_dir(scene.out()).args(["tasks", "--config", "run.toml"]).output().unwrap(),
+    );
+}
+
+#[test]
+fn a_damaged_photograph_costs_no_first_pass_of_others_in_every_run() {
+    let scene = Scene::new(128, 96, 5);
+    truncate(&scene.path("images/0002.png"));
+    let run = ["--weights", "none", "--planes", "16", "--views", "3"];
+    expect_success(&scene.run("depth", &run));
+    let again = stderr(&scene.run("depth", &run));
+    assert!(again.contains("0 depth maps made, 4 were there, 1 views left out"), "{again}");
+    assert!(!again.contains("first pass") && !scene.out().join("photometric").exists(), "{again}");
 }

@@ -139,6 +139,16 @@ fn nothing_is_exported_over_what_is_read() {
 }
 
 #[test]
+fn an_export_may_be_asked_for_twice_and_a_folder_is_no_cloud() {
+    let scene = Scene::new(64, 48, 3);
+    let folder = true_maps(&scene);
+    fuse(folder.root(), &["--export", "colmap,colmap"]);
+    let output = vamvs().arg("fuse").arg(folder.root()).arg("--out").arg(&scene.root).output().unwrap();
+    let said = error_of(&output);
+    assert!(said.contains("directory") && !said.contains("points"), "{said}");
+}
+
+#[test]
 fn nothing_is_exported_over_what_vamvs_has_not_written() {
     let scene = Scene::new(64, 48, 3);
     let folder = true_maps(&scene);

@@ -146,6 +146,34 @@ fn another_confidence_or_camera_of_a_depth_map_makes_it_anew() {
 }
 
 #[test]
+fn a_folder_of_first_passes_that_vamvs_has_not_made_stays() {
+    let scene = Scene::new(SIZE.width, SIZE.height, 3);
+    coarse_maps(&scene);
+    let own = scene.out().join("refined/photometric/images");
+    std::fs::create_dir_all(&own).unwrap();
+    write(&own.join("0001.png"), "mine");
+    expect_success(&refine(&scene, &["--no-geometric"]));
+    assert_eq!(std::fs::read(own.join("0001.png")).unwrap(), b"mine");
+}
+
+#[test]
+fn flags_of_the_input_hold_beside_the_settings_of_the_run() {
+    let scene = Scene::new(SIZE.width, SIZE.height, 3);
+    expect_success(&scene.run("depth", &["--weights", "none", "--planes", "16", "--no-refine"]));
+    let refine = |flags: &[&str]| {
+        let mut run = vamvs();
+        run.arg("refine").arg(scene.out()).arg("--no-geometric").args(flags).output().unwrap()
+    };
+    assert!(error_of(&refine(&["--masks", "nowhere"])).contains("expected a folder of masks"));
+    assert!(error_of(&refine(&["--images", "nowhere"])).contains("nowhere"));
+    std::fs::remove_file(scene.out().join("run.toml")).unwrap();
+    let images = scene.path("images").display().to_string();
+    expect_success(&refine(&["--images", &images]));
+    let refined = OutputFolder::new(&scene.out().join("refined"));
+    assert_eq!(pfm::read_depth(&refined.depth("0001")).unwrap().size(), SIZE);
+}
+
+#[test]
 fn the_photographs_are_those_of_the_run_that_made_the_depth_maps() {
     let scene = Scene::new(SIZE.width, SIZE.height, 3);
     let run = ["--weights", "none", "--planes", "16", "--no-refine"];

@@ -14,7 +14,12 @@ const WEIGHTS: [&str; 5] = ["--weights", METHOD, "--planes", "24", "--quiet"];
 
 /// The tasks of a scene, of two views each.
 fn tasks(scene: &Scene) -> Vec<Value> {
-    let output = scene.run("tasks", &[&WEIGHTS[..], &["--batch", "2"]].concat());
+    tasks_with(scene, &[])
+}
+
+/// The same with more arguments.
+fn tasks_with(scene: &Scene, arguments: &[&str]) -> Vec<Value> {
+    let output = scene.run("tasks", &[&WEIGHTS[..], &["--batch", "2"], arguments].concat());
     expect_success(&output);
     String::from_utf8(output.stdout)
         .unwrap()
@@ -144,6 +149,38 @@ fn what_is_missing_or_damaged_is_named() {
     expect_success(&done(with_id(&tasks, "merge-1-of-2")));
     assert!(fails("concatenate").contains("points-2-of-2"));
     assert!(!scene.out().join("fused.ply").exists());
+}
+
+#[test]
+fn depth_maps_of_other_settings_and_damaged_ones_are_not_refined_further() {
+    let scene = Scene::new(128, 96, 4);
+    let photometric = ["photometric-1-of-2", "photometric-2-of-2"];
+    let before = tasks_with(&scene, &["--views", "3"]);
+    photometric.iter().for_each(|id| expect_success(&done(with_id(&before, id))));
+    let tasks = tasks(&scene);
+    let geometric = with_id(&tasks, "geometric-1-of-2");
+    assert!(error_of(&done(geometric)).contains("of the photometric step is not done"));
+    photometric.iter().for_each(|id| expect_success(&done(with_id(&tasks, id))));
+    let map = scene.out().join("photometric/depths/0001.pfm");
+    let whole = std::fs::read(&map).unwrap();
+    truncate(&map);
+    assert!(error_of(&done(geometric)).contains("of the photometric step is not done"));
+    photometric.iter().for_each(|id| expect_success(&done(with_id(&tasks, id))));
+    assert!(std::fs::read(&map).unwrap() == whole);
+    expect_success(&done(geometric));
+}
+
+#[test]
+fn tasks_are_strict_if_that_is_asked_for_and_never_forced() {
+    let scene = Scene::new(64, 48, 4);
+    let tasks = tasks_with(&scene, &["--strict"]);
+    for task in &tasks {
+        let id = task["id"].as_str().unwrap();
+        let is_strict = strings(&task["argv"]).contains(&"--strict");
+        assert_eq!(is_strict, !id.starts_with("photometric") && !id.starts_with("geometric"), "{id}");
+    }
+    let forced = scene.run("tasks", &[&WEIGHTS[..], &["--force"]].concat());
+    assert!(error_of(&forced).contains("--force"));
 }
 
 #[test]

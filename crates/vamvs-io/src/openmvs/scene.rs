@@ -146,7 +146,7 @@ struct Platform {
 }
 
 struct MvsCamera {
-    /// The image's size; if `None`, K is in units of the image's longer side.
+    /// The image's size; if `None`, K is in units of the image's longer side, see [`in_pixels`].
     size: Option<Size>,
     k: Matrix3<f64>,
     cam_from_platform: Pose,
@@ -172,14 +172,26 @@ impl MvsImage {
         let (Some(camera), Some(platform_from_world)) = (self.camera(platforms), platform_from_world) else {
             return Err(malformed("its platform, camera or pose does not exist".to_owned()));
         };
-        let scale = if camera.size.is_some() { 1.0 } else { size.longer_side() as f64 };
         let intrinsics =
             Intrinsics::try_from_matrix(&camera.k).map_err(|error| malformed(error.to_string()))?;
-        let intrinsics = intrinsics.scaled(scale, scale).cropped(-0.5, -0.5);
+        let intrinsics = match camera.size {
+            Some(_) => intrinsics.cropped(-0.5, -0.5),
+            None => in_pixels(&intrinsics, size),
+        };
         let camera_in_pixels = Camera { size, intrinsics, lens: Lens::None };
         let cam_from_world = camera.cam_from_platform.compose(platform_from_world);
         Ok(View { id: 0, name: name.to_owned(), camera: camera_in_pixels, cam_from_world, depth_range: None })
     }
+}
+
+/// Intrinsics that are stored in units of the image's longer side. OpenMVS has done so in two ways: with its own pixel
+/// centres, at integers, so that a principal point in the middle of the longer side is 0.5; and, in newer versions, with 0.5
+/// subtracted, so that it is 0.
+fn in_pixels(stored: &Intrinsics, size: Size) -> Intrinsics {
+    let side = size.longer_side() as f64;
+    let along_it = if size.width >= size.height { stored.cx } else { stored.cy };
+    let shift = if along_it < 0.25 { 0.5 * side } else { 0.5 };
+    stored.scaled(side, side).cropped(-shift, -shift)
 }
 
 /// For each image of the file, its index among the images with a pose.
@@ -284,5 +296,23 @@ impl SceneReader {
             place.get(image as usize).copied().ok_or_else(|| reader.file.malformed(position, problem()))
         })?;
         Ok(SparsePoint { x_in_world, views: seen.into_iter().flatten().collect() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_principal_point_in_units_of_the_longer_side_is_read_in_both_ways() {
+        let stored = |cx, cy| Intrinsics { fx: 1.25, fy: 1.25, cx, cy };
+        let centred = |width, height| Intrinsics { fx: 10.0, fy: 10.0, cx: 0.5 * width, cy: 0.5 * height };
+        // The middle of 8×6 pixels is at 3.5 and 2.5 where the first pixel's centre is at 0.
+        let size = Size::new(8, 6);
+        assert_eq!(in_pixels(&stored(3.5 / 8.0, 2.5 / 8.0), size), centred(8.0, 6.0));
+        assert_eq!(in_pixels(&stored(0.0, 3.0 / 8.0 - 0.5), size), centred(8.0, 6.0));
+        let upright = Size::new(2, 8);
+        assert_eq!(in_pixels(&stored(0.5 / 8.0, 3.5 / 8.0), upright), centred(2.0, 8.0));
+        assert_eq!(in_pixels(&stored(1.0 / 8.0 - 0.5, 0.0), upright), centred(2.0, 8.0));
     }
 }

@@ -125,11 +125,11 @@ impl<'a> DepthMaps<'a> {
         for view in std::iter::once(view).chain(plan.sources.iter().copied()) {
             self.ensure_first(view)?;
         }
-        let made = &self.first;
+        let (made, own) = (&self.first, view);
         let first = |view: usize, _| match made.get(&view) {
-            Some(Ok(map)) => Ok(map.clone()),
-            Some(Err(reason)) => Err(VamvsError::Request(reason.clone())),
-            None => Err(VamvsError::Request("it has no depth map".to_owned())),
+            Some(Ok(map)) => Ok(Some(map.clone())),
+            Some(Err(reason)) if view == own => Err(VamvsError::Request(reason.clone())),
+            _ => Ok(None),
         };
         self.maker.refine_again(view, plan, first)
     }

@@ -161,7 +161,7 @@ impl<'a> Maker<'a> {
         &mut self,
         view: usize,
         plan: &ViewPlan,
-        first: impl Fn(usize, Needed) -> Result<Rc<LoadedMap>, VamvsError>,
+        first: impl Fn(usize, Needed) -> Result<Option<Rc<LoadedMap>>, VamvsError>,
     ) -> Result<MadeMap, VamvsError> {
         let refinement = self.refinement.as_mut().expect("there are two passes of refinement");
         Ok(self.work.calibrated(refined_map(refinement.refine_again(view, &plan.sources, first)?)))

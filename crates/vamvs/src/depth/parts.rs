@@ -11,7 +11,7 @@ use vamvs_core::Part;
 use vamvs_fusion::Schedule;
 
 use super::run::{Run, first_folder};
-use super::{DepthJob, DepthSummary, planned_maps, prepare};
+use super::{DepthJob, DepthSummary, planned_maps, prepare_alone};
 use crate::claim::Lock;
 use crate::event::OnEvent;
 use crate::output::{LeftOut, make_folder, read_json, remove_unfinished, write_json};
@@ -89,15 +89,15 @@ pub fn collect(
     parts: usize,
     on_event: &mut OnEvent<'_>,
 ) -> Result<DepthSummary, VamvsError> {
-    prepare(job)?;
+    let _lock = prepare_alone(job)?;
     remove_unfinished(&job.output.root().join("parts"))?;
     let run = Run::new(job);
-    let mut reasons = BTreeMap::new();
+    let (settings, mut reasons) = (run.settings(), BTreeMap::new());
     let last = job.work.steps().last().copied();
     for &step in job.work.steps() {
         for part in Part::all(parts) {
             match read_json::<PartRecord>(&record_file(job.output, step, part)) {
-                Ok(record) if record.made_with == run.settings() => {
+                Ok(record) if record.made_with == settings => {
                     reasons
                         .extend(record.left_out.into_iter().map(|LeftOut { view, reason }| (view, reason)));
                 }
@@ -184,8 +184,7 @@ impl Run<'_> {
         if self.work.has_two_passes() {
             let users = self.users(own);
             self.find_done(&users);
-            let needed = self.needed(&users).intersection(own).copied().collect();
-            self.first_pass(Pass::Photometric, &needed, on_event)?;
+            self.all_first_passes(&users, own, on_event)?;
         } else {
             self.first_pass(Pass::Final, own, on_event)?;
         }
@@ -199,42 +198,46 @@ impl Run<'_> {
         on_event: &mut OnEvent<'_>,
     ) -> Result<DepthSummary, VamvsError> {
         self.find_done(own);
-        let needed = self.needed(own);
-        let without_first = self.without_first(&needed, (job, part))?;
-        self.left_out = own.intersection(&without_first).copied().collect();
+        let missing: BTreeSet<usize> = own.difference(&self.done).copied().collect();
+        self.left_out = self.without_first(&missing, (job, part))?;
+        // Those that are left out need none of their source views.
+        let sources = self.needed(own).difference(&missing).copied().collect();
+        self.without_first(&sources, (job, part))?;
         self.geometric_pass(own, on_event)?;
         Ok(self.timed())
     }
 
-    /// Those of the `needed` views that their photometric parts have left out. It is an error if another one has no
-    /// photometric depth map.
+    /// Those of the `needed` views that their photometric parts have left out. It is an error if one of these parts is not
+    /// done with the same settings, or another view has no undamaged photometric depth map.
     fn without_first(
         &self,
         needed: &BTreeSet<usize>,
         (job, part): (&DepthJob<'_>, Part),
     ) -> Result<BTreeSet<usize>, VamvsError> {
-        let is_missing = |view: &usize| {
-            self.work.plan.views[*view].is_ok() && self.first.saved(&self.names[*view]).is_none()
+        let is_missing = |&view: &usize| {
+            let name = &self.names[view];
+            self.work.plan.views[view].is_ok()
+                && !(self.first.saved(name).is_some() && self.first.is_readable(name))
         };
-        let missing: BTreeSet<usize> = needed.iter().copied().filter(is_missing).collect();
-        if missing.is_empty() {
-            return Ok(missing);
-        }
+        let (settings, mut left_out) = (self.settings(), BTreeSet::new());
         for (part, views) in self.work.parts(part.count())? {
-            let mut expected = views.intersection(&missing).peekable();
-            if expected.peek().is_none() {
+            let needed: Vec<usize> = views.intersection(needed).copied().collect();
+            if needed.is_empty() {
                 continue;
             }
             let record = read_json::<PartRecord>(&record_file(job.output, DepthStep::Photometric, part)).ok();
-            let record = record.filter(|record| record.made_with == self.settings());
-            let names = record.map(|record| record.left_out).unwrap_or_default();
-            let is_told =
-                |view: &usize| names.iter().any(|left| left.view == self.work.scene.views[*view].name);
-            if !expected.all(is_told) {
+            let record = record.filter(|record| record.made_with == settings);
+            let record = record.ok_or_else(|| not_done(job, DepthStep::Photometric, part))?;
+            let is_told = |view: &usize| {
+                record.left_out.iter().any(|left| left.view == self.work.scene.views[*view].name)
+            };
+            let missing: Vec<usize> = needed.into_iter().filter(is_missing).collect();
+            if !missing.iter().all(is_told) {
                 return Err(not_done(job, DepthStep::Photometric, part));
             }
+            left_out.extend(missing);
         }
-        Ok(missing)
+        Ok(left_out)
     }
 
     /// The views of `own`, and those that have one of them as a source view.

@@ -63,7 +63,7 @@ impl<'a> Run<'a> {
         let all = (0..self.names.len()).collect();
         if self.work.has_two_passes() {
             self.find_done(&all);
-            self.first_pass(Pass::Photometric, &self.needed(&all), on_event)?;
+            self.all_first_passes(&all, &all, on_event)?;
             self.geometric_pass(&all, on_event)?;
             self.remove_first()?;
         } else {

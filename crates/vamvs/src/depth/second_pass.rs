@@ -24,9 +24,24 @@ impl Run<'_> {
         }
     }
 
+    /// Makes the first-pass maps of those views of `own` that the final maps of `views` need. Views without a final map
+    /// come first: those that are left out need none of their source views.
+    pub fn all_first_passes(
+        &mut self,
+        views: &BTreeSet<usize>,
+        own: &BTreeSet<usize>,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<(), VamvsError> {
+        let missing = views.intersection(own).filter(|view| !self.done.contains(view)).copied().collect();
+        self.first_pass(Pass::Photometric, &missing, on_event)?;
+        let needed: BTreeSet<usize> = self.needed(views).intersection(own).copied().collect();
+        let sources: BTreeSet<usize> = needed.difference(&missing).copied().collect();
+        if sources.is_empty() { Ok(()) } else { self.first_pass(Pass::Photometric, &sources, on_event) }
+    }
+
     /// The views whose first-pass maps are needed to make the final maps of `views`.
     pub fn needed(&self, views: &BTreeSet<usize>) -> BTreeSet<usize> {
-        let missing = views.iter().filter(|view| !self.done.contains(view));
+        let missing = views.iter().filter(|view| !self.done.contains(view) && !self.left_out.contains(view));
         let with_sources = |&view: &usize| {
             let plan = self.work.plan.views[view].as_ref();
             std::iter::once(view).chain(plan.map_or(Vec::new(), |plan| plan.sources.clone()))

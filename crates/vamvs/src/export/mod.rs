@@ -198,7 +198,7 @@ impl<'a> Exports<'a> {
     fn begin(maps: &'a Maps, folder: &Path, options: &ExportOptions) -> Result<Self, VamvsError> {
         options.expect_apart(folder, [maps.root()])?;
         let depths = DepthFolder::new(maps, folder, options)?;
-        let begin = |program: &ExportTarget| {
+        let begin = |program: ExportTarget| {
             let target = folder.join(program.folder());
             let entries = target.read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
             claim(&target, entries)?;
@@ -206,7 +206,9 @@ impl<'a> Exports<'a> {
             remove_all_unfinished(&target)?;
             Ok(lock)
         };
-        let locks = options.programs.iter().map(begin).collect::<Result<_, VamvsError>>()?;
+        let all = [ExportTarget::Colmap, ExportTarget::Openmvs];
+        let asked = all.into_iter().filter(|program| options.programs.contains(program));
+        let locks = asked.map(begin).collect::<Result<_, VamvsError>>()?;
         let wanted = |program: ExportTarget| {
             options.programs.contains(&program).then(|| folder.join(program.folder()))
         };

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use vamvs_core::view_selection;
 use vamvs_core::{
-    Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Rgb, Scene, Size, Source, SparsePoint,
+    Camera, CloudPoint, DepthMap, Grid, Lens, Pinhole, Pose, Rgb, Scene, Size, Source, SparsePoint, View,
 };
 use vamvs_fusion::{FusionView, MapSource, MaskedMap, expect_sizes};
 use vamvs_io::colmap::dense;
@@ -27,6 +27,9 @@ const LARGE: usize = 1 << 23;
 
 /// Memory for each pixel of a view whose files are checked: its photograph, decoded, and its mask.
 const CHECKED_BYTES_PER_PIXEL: u64 = 24;
+
+/// The largest step from one `float` to the next in a cloud's coordinates, in pixels on the surface.
+const COARSEST_STEP: f64 = 0.1;
 
 /// Depth maps of the views of a scene.
 #[derive(Debug)]
@@ -289,10 +292,13 @@ impl Maps {
     }
 
     /// The precision of coordinates in PLY files: double if the cameras stand far from the origin
-    /// compared with their distances.
+    /// compared with their distances, or with the size of a pixel on the nearest surfaces.
     #[must_use]
     pub fn coordinates(&self) -> Coordinates {
-        let at_camera = |view: &vamvs_core::View| CloudPoint {
+        if are_pixels_lost_in_floats(&self.scene.views) {
+            return Coordinates::Double;
+        }
+        let at_camera = |view: &View| CloudPoint {
             x_in_world: view.cam_from_world.centre().into(),
             normal: [0.0; 3],
             colour: [0; 3],
@@ -428,5 +434,42 @@ fn only(scene: &Scene, kept: &[usize]) -> Scene {
         views: kept.iter().map(|&view| scene.views[view].clone()).collect(),
         points: scene.points.iter().filter_map(point).collect(),
         pairs: scene.pairs.as_ref().map(pairs),
+    }
+}
+
+/// Whether floats of the cameras' coordinates are too coarse for the pixels of a view whose depth range is known.
+fn are_pixels_lost_in_floats(views: &[View]) -> bool {
+    let largest = views.iter().map(|view| view.cam_from_world.centre().amax()).fold(0.0, f64::max);
+    let step = f64::from(f32::EPSILON) * largest;
+    let pixel = |view: &View| Some(view.depth_range?.near / view.camera.intrinsics.fx);
+    views.iter().filter_map(pixel).any(|pixel| step > COARSEST_STEP * pixel)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+    use vamvs_core::{DepthRange, Intrinsics};
+
+    #[test]
+    fn floats_are_too_coarse_for_a_long_survey_and_its_small_pixels() {
+        let views = |metres: f64, near: f64| {
+            let view = |x: f64| View {
+                id: 0,
+                name: String::new(),
+                camera: Camera {
+                    size: Size::new(4000, 3000),
+                    intrinsics: Intrinsics { fx: 4000.0, fy: 4000.0, cx: 2000.0, cy: 1500.0 },
+                    lens: Lens::None,
+                },
+                cam_from_world: Pose { translation: Vector3::new(-x, 0.0, 0.0), ..Pose::identity() },
+                depth_range: Some(DepthRange { near, far: 2.0 * near }),
+            };
+            [view(0.0), view(metres)]
+        };
+        // A float at 500 km has a step of 3 to 6 cm; a pixel at 100 m is 2.5 cm wide.
+        assert!(are_pixels_lost_in_floats(&views(500_000.0, 100.0)));
+        assert!(!are_pixels_lost_in_floats(&views(1000.0, 100.0)));
+        assert!(are_pixels_lost_in_floats(&views(1000.0, 0.2)));
     }
 }

@@ -67,7 +67,7 @@ impl<'a> Run<'a> {
         let names: Vec<&str> = self.job.maps.names().iter().map(String::as_str).collect();
         self.job.output.expect_apart(self.job.photographs.folder())?;
         self.job.output.expect_apart([self.job.maps.root().join("images").as_path()])?;
-        let _lock = self.job.output.prepare_alone(&names)?;
+        let _lock = self.job.output.prepare_alone(&names, &names)?;
         if self.job.geometric {
             self.first.expect_apart(self.job.photographs.folder())?;
             self.first.expect_apart([self.job.maps.root().join("images").as_path()])?;
@@ -91,7 +91,9 @@ impl<'a> Run<'a> {
                 Err(error) => self.leave_out(name, error.with_causes(), on_event)?,
             }
         }
-        self.first.remove(&names)?;
+        if self.first.is_own() {
+            self.first.remove(&names)?;
+        }
         self.finish(&names)
     }
 
