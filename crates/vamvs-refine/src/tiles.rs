@@ -1,7 +1,7 @@
 //! Large photographs are refined in tiles, so that memory does not grow with their size.
 //!
 //! A tile is a smaller problem of the same kind: parts of the photographs with their cameras. It has a margin that is
-//! wider than the surroundings on which the result of a pixel depends, and than the speckles that are removed.
+//! wider than the speckles that are removed, and than the surroundings on which nearly all of a pixel's result depends.
 
 use nalgebra::Vector2;
 use vamvs_core::depth_map::is_valid;

@@ -2,9 +2,10 @@
 //! at a time writes to a folder.
 
 use std::fs::{File, TryLockError};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use vamvs_io::{IoError, atomic};
+use vamvs_io::IoError;
 
 use crate::VamvsError;
 use crate::output::make_folder;
@@ -26,7 +27,17 @@ pub(crate) fn claim(folder: &Path, files: impl IntoIterator<Item = PathBuf>) -> 
         return Err(IoError::Foreign { path }.into());
     }
     make_folder(folder)?;
-    Ok(atomic::write(&folder.join(MARK), |out| writeln!(out, "{TEXT}"))?)
+    make_mark(&folder.join(MARK))
+}
+
+/// Makes the mark unless it is there: another run may have made it, and may hold a lock on it, since it was looked for.
+fn make_mark(mark: &Path) -> Result<(), VamvsError> {
+    let written = match File::options().write(true).create_new(true).open(mark) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
+        made => made.and_then(|mut mark| writeln!(mark, "{TEXT}")),
+    };
+    let failed = |source| IoError::System { action: "write", path: mark.to_owned(), source };
+    Ok(written.map_err(failed)?)
 }
 
 /// Whether vamvs has marked the folder.
