@@ -349,7 +349,7 @@ mod tests {
         let options = FuseOptions::default();
         let (sure, unsure) = (Wall::new(0.5, 0.001), Wall { confidence: 0.15, ..Wall::new(0.5, 0.001) });
         assert!(!is_confirmed(&[OWN, unsure, OWN, OWN, OWN], &options));
-        assert!(!is_confirmed(&[OWN, sure, OWN, OWN], &FuseOptions { min_views: 3, ..options.clone() }));
+        assert!(!is_confirmed(&[OWN, sure, OWN, OWN], &FuseOptions { min_views: 3, ..options }));
         assert!(is_confirmed(&[OWN, unsure, unsure, unsure], &options), "others are");
     }
 
