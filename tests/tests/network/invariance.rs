@@ -122,7 +122,10 @@ fn a_network_that_asks_for_it_looks_at_the_first_sources_alone_in_its_flow() {
 fn a_region_gives_the_depth_of_the_whole_there() {
     let views = fixtures::tilted_plane(Size::new(320, 240), 3);
     let planes = planes(&views[1], 48);
-    for (name, stride) in [("weights/photometric", 2), ("weights/vis-corr", 4)] {
+    // A learned network looks further around a pixel than the margin that a region has.
+    for (name, stride, tolerance, share) in
+        [("weights/photometric", 2, 0.005, 0.98), ("weights/vis-corr", 4, 0.01, 0.93)]
+    {
         let estimator = estimator(name);
         let encode = |view: &Rendered| estimator.network().encode(&view.photo).unwrap();
         let encoded: Vec<_> = tch::no_grad(|| views.iter().map(encode).collect());
@@ -139,11 +142,11 @@ fn a_region_gives_the_depth_of_the_whole_there() {
         for y in 16 / stride..136 / stride {
             for x in 16 / stride..144 / stride {
                 let (a, b) = (depth[(x, y)], whole[(x + 80 / stride, y + 48 / stride)]);
-                same += u32::from((a - b).abs() < 0.005 * b);
+                same += u32::from((a - b).abs() < tolerance * b);
                 count += 1;
             }
         }
-        assert!(f64::from(same) > 0.95 * f64::from(count), "{name}: {same} of {count}");
+        assert!(f64::from(same) > share * f64::from(count), "{name}: {same} of {count}");
     }
 }
 
