@@ -136,8 +136,8 @@ impl Graph<'_> {
         }
     }
 
-    /// A task of depth maps. Those of the network alone use a GPU, but the others must find what was made there as it would
-    /// be made again: records of depth maps tell those of a GPU from others.
+    /// A task of depth maps. Only the network uses a GPU, but hashes of depth maps tell whether one was used, and all tasks
+    /// must compute the same ones.
     fn depth_task(&self, id: String, argv: Vec<String>) -> Task {
         Task { gpu: self.work.method.is_on_gpu(), ..self.task(id, argv) }
     }
