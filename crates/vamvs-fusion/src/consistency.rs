@@ -3,7 +3,8 @@
 //! In the dynamic rule each source view votes. A vote is the geometric mean of the source's and the
 //! pixel's own confidence, times 1 − e, where e is the error of the round trip as a share of its
 //! threshold ([`Answers::error`]), times the triangulation angle as a share of [`FULL_PARALLAX`],
-//! at most 1; views without such an angle, such as a photograph's copies, are no voters. Views that see through the point to a surface clearly behind it (free-space
+//! at most 1; views almost without an angle, such as a photograph's copies, are no voters.
+//! Views that see through the point to a surface clearly behind it (free-space
 //! violations) vote against it. The sum of votes times the number of views that agree must reach
 //! [`FuseOptions::min_support`], and four times that at an edge of the depth map. So few views must agree closely and be confident, while many may
 //! agree loosely, as in the dynamic consistency checking of D2HC-RMVSNet (Yan et al. 2020), but

@@ -219,7 +219,11 @@ impl Run<'_> {
             self.work.plan.views[view].is_ok()
                 && !(self.first.saved(name).is_some() && self.first.is_readable(name))
         };
-        let (settings, mut left_out) = (self.settings(), BTreeSet::new());
+        let mut left_out = BTreeSet::new();
+        if needed.is_empty() {
+            return Ok(left_out);
+        }
+        let settings = self.settings();
         for (part, views) in self.work.parts(part.count())? {
             let needed: Vec<usize> = views.intersection(needed).copied().collect();
             if needed.is_empty() {

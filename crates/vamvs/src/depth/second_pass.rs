@@ -35,8 +35,8 @@ impl Run<'_> {
         let missing = views.intersection(own).filter(|view| !self.done.contains(view)).copied().collect();
         self.first_pass(Pass::Photometric, &missing, on_event)?;
         let needed: BTreeSet<usize> = self.needed(views).intersection(own).copied().collect();
-        let sources: BTreeSet<usize> = needed.difference(&missing).copied().collect();
-        if sources.is_empty() { Ok(()) } else { self.first_pass(Pass::Photometric, &sources, on_event) }
+        let sources = needed.difference(&missing).copied().collect();
+        self.first_pass(Pass::Photometric, &sources, on_event)
     }
 
     /// The views whose first-pass maps are needed to make the final maps of `views`.
