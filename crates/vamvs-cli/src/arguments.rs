@@ -11,11 +11,12 @@ mod tasks;
 #[cfg(feature = "net")]
 mod train;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{ArgAction, Args, Parser, Subcommand};
 use vamvs::MemoryLimit;
 use vamvs::export::{DepthFormat, ExportTarget};
+use vamvs::output::folder_of;
 use vamvs::{Quality, core::Spacing};
 
 #[cfg(feature = "net")]
@@ -177,10 +178,7 @@ impl DepthArguments {
     /// The output folder.
     pub fn out(&self) -> PathBuf {
         let settings = self.common.config.as_deref().filter(|file| file.ends_with("run.toml"));
-        let of_settings = || {
-            let folder = settings?.parent()?;
-            Some(if folder.as_os_str().is_empty() { Path::new(".") } else { folder }.to_owned())
-        };
+        let of_settings = || Some(folder_of(settings?).to_owned());
         self.out.clone().or_else(of_settings).unwrap_or_else(|| PathBuf::from("vamvs-out"))
     }
 }
