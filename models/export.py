@@ -58,11 +58,12 @@ def check_flags(parser: argparse.ArgumentParser, arguments: argparse.Namespace) 
     of_paper = ("neighbours", "hypotheses", "no_plane_depth", "no_image_features", "matched", "window", "completion", "guide")
     of_paper += ("coarse_stride", "steps", "flow_sources", "kernel", "thin")
     if arguments.network == "photometric":
-        ignored = (*of_paper, "norm", "feature_stride")
+        ignored = (*of_paper, "norm", "feature_stride", "cascade")
     elif arguments.network == "vis-corr":
         ignored = of_paper
     else:
-        ignored = ("feature_stride",) if arguments.network == "vis-var" else ("feature_stride", "no_plane_depth")
+        ignored = ("feature_stride", "cascade")
+        ignored += () if arguments.network == "vis-var" else ("no_plane_depth",)
     for name in ignored:
         if getattr(arguments, name) != parser.get_default(name):
             parser.error(f"--{name.replace('_', '-')} does not apply to {arguments.network}")
@@ -95,6 +96,9 @@ def main() -> None:
     parser.add_argument("--coarse-stride", type=int, choices=(8, 4), default=8, help="of the coarse depth map, pixels")
     parser.add_argument("--feature-stride", type=int, choices=STRIDES, default=4, help="vis-corr: stride of the coarse features")
     parser.add_argument(
+        "--cascade", action="store_true", help="vis-corr: a second volume around the depth of the first, and the probability of a surface"
+    )
+    parser.add_argument(
         "--steps", type=float, nargs=3, default=STEPS, help="between hypotheses at 1/8, 1/4, 1/2, plane distances"
     )
     parser.add_argument("--flow-sources", type=int, metavar="N", help="the flow uses only the N best source views")
@@ -121,7 +125,7 @@ def main() -> None:
     if arguments.network == "photometric":
         module = Photometric()
     elif arguments.network == "vis-corr":
-        module = VisCorr(arguments.norm, arguments.feature_stride)
+        module = VisCorr(arguments.norm, arguments.feature_stride, arguments.cascade)
     else:
         module = VaPointMvsNet(
             arguments.network,
@@ -142,7 +146,10 @@ def main() -> None:
         )
     if arguments.like is not None:
         others = [torch.jit.load(path, map_location="cpu") for path in arguments.like]
-        copy_common(mean(others), module)
+        weights = mean(others)
+        if arguments.cascade and not any(name.startswith("fine.") for name in weights):
+            weights |= {f"fine.{name.removeprefix('volume.')}": value for name, value in weights.items() if name.startswith("volume.")}
+        copy_common(weights, module)
         runs = trained_on(others)
         if arguments.flow_like is not None:
             other = torch.jit.load(arguments.flow_like, map_location="cpu")

@@ -4,6 +4,10 @@ Views are compared by group-wise correlation (Guo et al., CVPR 2019), which is t
 the reference and source features, instead of by an MLP for every pair of views and every plane. Each source view is
 weighted per pixel by a learned visibility, and the weighted mean of the correlations goes into one small 3D U-Net. One
 pyramid of features serves both stages. Correlation and weighted mean are in the Rust crate `vamvs-net`.
+
+As a cascade (Gu et al., CVPR 2020) the network sees a photograph twice: at half its size, to sweep the whole depth range
+at a stride of 8, and as it is, to sweep a few planes around that depth at a stride of 4. Both volumes have cells of the same
+shape, so both U-Nets start from the same weights. It also tells for each pixel how likely there is a surface to be measured.
 """
 
 import json
@@ -20,6 +24,8 @@ GROUP = 4  # channels in a group
 HALF, QUARTER, EIGHTH = 16, 32, 32  # channels of the features at 1/2, 1/4, 1/8
 STRIDES = (4, 8)  # strides of the coarse features
 WIDTHS = (8, 16, 32, 64)  # channels of the volume at full resolution, 1/2, 1/4, 1/8
+CASCADE_PLANES, CASCADE_STEP = 8, 0.5  # planes of the second volume, and their distance in planes of the first
+EVIDENCE = 6  # channels of what the volumes tell of a surface
 SLAB = 16  # planes that go through the first and the last layers at once
 
 
@@ -215,16 +221,43 @@ class SmallVolumeNet(nn.Module):
         return to_one_channel(full, self.last.weight)
 
 
+class Surface(nn.Module):
+    """How likely a pixel shows a surface inside the depth range, and not sky or what lies beyond: from what the volumes
+    tell (B, 6, h, w) and the features of the reference view (B, C, h, w) → (B, 1, h, w) in [0, 1]. Untrained it says 0.98
+    everywhere."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.look = nn.Conv2d(channels, 16, 3, padding=1)
+        self.weigh = nn.Conv2d(16 + EVIDENCE, 16, 3, padding=1)
+        self.wide = nn.Conv2d(16, 16, 3, padding=2, dilation=2)
+        self.judge = nn.Conv2d(16, 1, 1)
+        nn.init.zeros_(self.judge.weight)
+        assert self.judge.bias is not None
+        nn.init.constant_(self.judge.bias, 4.0)
+
+    def forward(self, evidence: Tensor, reference: Tensor) -> Tensor:
+        x = torch.cat([F.relu(self.look(reference)), evidence], dim=1)
+        x = F.relu(self.weigh(x))
+        return torch.sigmoid(self.judge(x + F.relu(self.wide(x))))
+
+
 class VisCorr(nn.Module):
-    """The network; `stride` is that of the coarse features and of the coarse depth map."""
+    """The network; `stride` is that of the coarse features and of the coarse depth map. As a `cascade` it has a second
+    volume."""
 
     stride: Final[int]
+    cascade: Final[bool]
 
-    def __init__(self, norm: str = "batch", stride: int = 4) -> None:
+    def __init__(self, norm: str = "batch", stride: int = 4, cascade: bool = False) -> None:
         super().__init__()
         if stride not in STRIDES:
             raise ValueError(f"the stride must be one of {STRIDES}, not {stride}")
+        if cascade and stride != 4:
+            raise ValueError("a cascade ends at a stride of 4")
         self.stride = stride
+        self.cascade = cascade
+        of_cascade = {"cascade": {"planes": CASCADE_PLANES, "step": CASCADE_STEP}, "plane_step": 8.0} if cascade else {}
         self.about = json.dumps(
             {
                 "contract": 1,
@@ -240,10 +273,11 @@ class VisCorr(nn.Module):
                 "hypotheses": 2,
                 "flow_layers": 3,
                 "planes": 48,
-                "iterations": [{"scale": 4, "step": 0.5}, {"scale": 4, "step": 0.2}],
+                "iterations": [] if cascade else [{"scale": 4, "step": 0.5}, {"scale": 4, "step": 0.2}],
                 "licence": "MIT OR Apache-2.0",
                 "trained_on": "nothing: random weights",
                 "scores": {},
+                **of_cascade,
             }
         )
         coarse = QUARTER if stride == 4 else EIGHTH
@@ -252,6 +286,9 @@ class VisCorr(nn.Module):
         self.pyramid = Pyramid(norm)
         self.volume = SmallVolumeNet(groups, coarse, norm)
         self.flow_net = FlowNet(fetched + POSITION_CHANNELS, norm, 2)
+        if cascade:
+            self.fine = SmallVolumeNet(groups, coarse, norm)
+            self.surface_net = Surface(coarse)
         self.seen = nn.Sequential(Conv2d(2 * groups, 16, 3, 1, norm), Conv2d(16, 16, 3, 1, norm), nn.Conv2d(16, 1, 1))
 
     @torch.jit.export
@@ -285,6 +322,18 @@ class VisCorr(nn.Module):
     @torch.jit.export
     def regularize_in_context(self, volume: Tensor, reference: Tensor) -> Tensor:
         return self.volume(volume, reference)
+
+    @torch.jit.export
+    def regularize_fine(self, volume: Tensor, reference: Tensor) -> Tensor:
+        if self.cascade:
+            return self.fine(volume, reference)
+        raise RuntimeError("this network is no cascade")
+
+    @torch.jit.export
+    def surface(self, evidence: Tensor, reference: Tensor) -> Tensor:
+        if self.cascade:
+            return self.surface_net(evidence, reference)
+        raise RuntimeError("this network is no cascade")
 
     @torch.jit.export
     def relate_flow(self, ref: Tensor, src: Tensor) -> Tensor:

@@ -369,6 +369,7 @@ fn views_can_be_weighted_by_the_true_visibility() {
             sources: &sources,
             planes: &sample.planes,
             level: 0,
+            around: None,
             slab_bytes: usize::MAX,
         };
         tch::no_grad(|| sweep(&swept, seen)).unwrap()

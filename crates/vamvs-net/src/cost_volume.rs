@@ -26,6 +26,9 @@ struct Sweep<'a> {
     reference: &'a EncodedView,
     sources: Vec<(&'a EncodedView, Projection)>,
     planes: &'a Planes,
+    /// The depths that are swept, in units of the range's near end: (D, 1), or in the second volume of a cascade, whose
+    /// planes follow a depth map, (K, h·w).
+    depths: Tensor,
     pixel_grid: PixelGrid,
     /// Index of the swept features in [`EncodedView::coarse`].
     level: usize,
@@ -116,8 +119,12 @@ pub struct SweepInputs<'a> {
     pub sources: &'a [&'a EncodedView],
     /// The planes.
     pub planes: &'a Planes,
-    /// 0: features at the coarse stride. 1: features at twice that stride, which exist if photographs were enlarged.
+    /// 0: features at the coarse stride. 1: features at twice that stride, which exist if photographs were enlarged, and in
+    /// a cascade.
     pub level: usize,
+    /// The planes of a cascade's second volume lie around this depth map, (h, w) in plane coordinates, instead of being
+    /// all planes.
+    pub around: Option<&'a Tensor>,
     /// Memory of one slab of warped features, bytes; a slab has at least one plane.
     pub slab_bytes: usize,
 }
@@ -170,12 +177,16 @@ pub fn costs(
 /// # Errors
 /// If the module breaks its contract or memory runs out.
 pub fn regularize(inputs: &SweepInputs<'_>, volume: &Tensor) -> Result<Tensor, NetError> {
-    inputs.network.regularize(volume, &inputs.reference.coarse[inputs.level])
+    let features = &inputs.reference.coarse[inputs.level];
+    match inputs.around {
+        None => inputs.network.regularize(volume, features),
+        Some(_) => inputs.network.regularize_fine(volume, features),
+    }
 }
 
 impl<'a> Sweep<'a> {
     fn new(inputs: &SweepInputs<'a>) -> Result<Self, NetError> {
-        let SweepInputs { network, reference, sources, planes, level, slab_bytes } = *inputs;
+        let SweepInputs { network, reference, sources, planes, level, around, slab_bytes } = *inputs;
         let stride = reference.stride << level;
         let pixel_grid = PixelGrid::new(stride, (0, 0), 1, reference.size_at(stride));
         let offset = network.manifest().feature_offset(stride);
@@ -185,8 +196,12 @@ impl<'a> Sweep<'a> {
             .map(|source| Ok((*source, Projection::new(&pixel_grid, reference, source, planes.range.near)?)))
             .collect::<Result<_, TchError>>()?;
         let plane_bytes = reference.coarse[level].numel() * size_of::<f32>();
-        let slab = (slab_bytes / plane_bytes).clamp(1, planes.count);
         let features = &reference.coarse[level];
+        let depths = match around {
+            None => depth_of(planes, &all_planes(planes, features)?)?,
+            Some(around) => depth_of(planes, &planes_around(network, around)?)?,
+        };
+        let slab = (slab_bytes / plane_bytes).clamp(1, depths.size()[0] as usize);
         let pairs = match native::layers(network, std::slice::from_ref(features))? {
             Some(Layers { relate: Some(mlp), ncc, .. }) => {
                 let sources: Vec<&Tensor> =
@@ -195,7 +210,7 @@ impl<'a> Sweep<'a> {
             }
             _ => None,
         };
-        Ok(Self { network, reference, sources, planes, pixel_grid, level, offset, slab, pairs })
+        Ok(Self { network, reference, sources, planes, depths, pixel_grid, level, offset, slab, pairs })
     }
 
     /// The masks that weigh the views: `seen` if it is given and the aggregation weighs views, else the network's.
@@ -246,12 +261,12 @@ impl Sweep<'_> {
 
     /// As [`Sweep::correlate`], with the native kernels.
     fn correlate_natively(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
-        let (depths, _) = self.depths(0, self.planes.count)?;
         let reference = self.features(self.reference);
         let swept = native::sweep::Swept {
             reference: Level::of(reference)?,
             pixel_grid: &self.pixel_grid,
-            depths: in_memory(&depths)?,
+            depths: in_memory(&self.depths)?,
+            planes: self.count(),
             groups: reference.size()[1] as usize / self.network.manifest().group,
         };
         let sources = self.sources.iter().map(|(source, _)| self.native_source(source));
@@ -284,7 +299,7 @@ impl Sweep<'_> {
             correlation(self.features(self.reference), &warped, group)
         };
         let slabs: Vec<Tensor> =
-            (0..self.planes.count).step_by(self.slab).map(slab).collect::<Result<_, _>>()?;
+            (0..self.count()).step_by(self.slab).map(slab).collect::<Result<_, _>>()?;
         Ok(Tensor::f_cat(&slabs, 0)?)
     }
 
@@ -404,18 +419,32 @@ impl Sweep<'_> {
             .collect()
     }
 
-    /// Depths of a slab's planes in units of `near`, (D', 1), and their coordinates in [0, 1], (D').
+    /// Depths of a slab's planes in units of `near`, (D', 1) or (D', h·w), and the planes' coordinates in [0, 1], (D').
     fn slab_depths(&self, first: usize) -> Result<(Tensor, Tensor), TchError> {
-        self.depths(first, (first + self.slab).min(self.planes.count))
+        let count = self.slab.min(self.count() - first) as i64;
+        let first = first as i64;
+        let u = Tensor::f_arange_start(first, first + count, (Kind::Float, self.depths.device()))?;
+        Ok((self.depths.f_narrow(0, first, count)?, u.f_div_scalar((self.planes.count - 1) as f64)?))
     }
 
-    /// As [`Sweep::slab_depths`], for the planes `first..end`.
-    fn depths(&self, first: usize, end: usize) -> Result<(Tensor, Tensor), TchError> {
-        let options = (Kind::Float, self.features(self.reference).device());
-        let u = Tensor::f_arange_start(first as i64, end as i64, options)?;
-        let coordinate = u.f_div_scalar((self.planes.count - 1) as f64)?;
-        Ok((depth_of(self.planes, &u)?.f_unsqueeze(1)?, coordinate))
+    /// The number of planes that are swept.
+    fn count(&self) -> usize {
+        self.depths.size()[0] as usize
     }
+}
+
+/// The coordinates of all planes, (D, 1), on the device of `like`.
+fn all_planes(planes: &Planes, like: &Tensor) -> Result<Tensor, TchError> {
+    Tensor::f_arange(planes.count as i64, (Kind::Float, like.device()))?.f_unsqueeze(1)
+}
+
+/// The planes of a cascade's second volume around a depth map (h, w), in plane coordinates: (K, h·w).
+fn planes_around(network: &Network, around: &Tensor) -> Result<Tensor, NetError> {
+    let Some(cascade) = network.manifest().cascade else {
+        return Err(NetError::Request("a second volume needs a network that is a cascade".to_owned()));
+    };
+    let offsets = cascade.offsets(around.device())?.f_unsqueeze(1)?;
+    Ok(around.f_detach()?.f_view([1, -1])?.f_add(&offsets)?.f_contiguous()?)
 }
 
 /// There is nothing to aggregate.

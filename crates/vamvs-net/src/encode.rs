@@ -28,8 +28,8 @@ pub struct EncodedView {
     pub(crate) padded: Size,
     /// The stride of the coarse features, s: 8 or 4.
     pub stride: usize,
-    /// The coarse features, (1, C, H/s, W/s). If the photograph was enlarged by 2, a second entry holds the features
-    /// of the photograph at its own size, (1, C, H/2s, W/2s).
+    /// The coarse features, (1, C, H/s, W/s). If the photograph was enlarged by 2, or the network is a cascade, a second
+    /// entry holds the features of the photograph at half of that size, (1, C, H/2s, W/2s).
     pub(crate) coarse: Vec<Tensor>,
     /// The flow features, (1, C₁, H/2, W/2), (1, C₂, H/4, W/4), (1, C₃, H/8, W/8).
     pub(crate) flow: [Tensor; 3],
@@ -85,6 +85,9 @@ impl Network {
         if enlarge > 1 {
             coarse.push(self.encode_coarse(&image)?);
         }
+        if self.manifest().cascade.is_some() {
+            coarse.push(self.encode_halved(&image)?);
+        }
         let relates_pairs = runs_layers && self.manifest().aggregation.relates_pairs();
         for features in &mut coarse {
             if relates_pairs || correlates(features) {
@@ -102,6 +105,17 @@ impl Network {
             flow: levels,
             photographs: photographs(&large)?,
         })
+    }
+
+    /// The coarse features of the padded image (1, 3, H, W) at half its size: (1, C, H/2s, W/2s).
+    fn encode_halved(&self, image: &Tensor) -> Result<Tensor, NetError> {
+        let small = image.f_avg_pool2d([2, 2], [2, 2], [0, 0], false, true, None)?;
+        let (_, _, height, width) = small.size4()?;
+        let missing = |side: i64| (side as usize).next_multiple_of(LARGEST_STRIDE) as i64 - side;
+        let padded = small.f_replication_pad2d([0, missing(width), 0, missing(height)])?;
+        let stride = self.manifest().feature_stride as i64;
+        let features = self.encode_coarse(&padded)?;
+        Ok(features.f_narrow(2, 0, height / stride)?.f_narrow(3, 0, width / stride)?)
     }
 
     /// Levels of features as the coarse stage alone needs them: the one that serves both stages, if there is one. The

@@ -4,11 +4,11 @@ use std::num::NonZeroUsize;
 
 use crate::depth_completion::Completion;
 use serde::{Deserialize, Serialize};
-use tch::{TchError, Tensor};
+use tch::{Kind, TchError, Tensor};
 use vamvs_core::{DepthMap, Grid, MonotoneMap, Photo, Pinhole, Planes, Rgb, Size};
 
 use crate::coarse::{PlaneMap, soft_argmin, where_unsure};
-use crate::cost_volume::{self, Costs, SweepInputs};
+use crate::cost_volume::{self, CostVolume, Costs, SweepInputs};
 use crate::encode::LARGEST_STRIDE;
 use crate::manifest::check_iterations;
 use crate::point_flow::{FlowStage, upsample_nearest};
@@ -16,7 +16,7 @@ use crate::post_process::{completed, upsampled};
 use crate::profile::{Profile, Stage};
 use crate::project::{centred, depth_of};
 use crate::tensor_grid::to_grid;
-use crate::{Device, EncodedView, Iteration, NetError, Network};
+use crate::{Cascade, Device, EncodedView, Iteration, Manifest, NetError, Network};
 
 /// The parameters of depth estimation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -116,6 +116,21 @@ pub struct Coarse {
     pub visibility: Vec<Tensor>,
 }
 
+/// The output of a cascade's second stage: planes around the coarse depth at twice its resolution.
+#[derive(Debug)]
+pub struct Fine {
+    /// The depth map, (h, w).
+    pub map: PlaneMap,
+    /// The costs of the planes, (1, K, h, w); a low cost is likely.
+    pub costs: Tensor,
+    /// The depth that the planes lie around, (h, w), in plane coordinates: the coarse map enlarged.
+    pub around: Tensor,
+    /// The probability that a pixel shows a surface inside the depth range, (h, w) in [0, 1].
+    pub surface: Tensor,
+    /// The visibility mask of each source view, (1, 1, h, w) in [0, 1]: those of the coarse stage enlarged.
+    pub visibility: Vec<Tensor>,
+}
+
 /// Estimates depth maps with one network.
 #[derive(Debug)]
 pub struct Estimator {
@@ -208,8 +223,10 @@ impl Estimator {
         let (channels, value, enlarge) =
             (self.network.channel_counts(), size_of::<f32>(), self.network.enlarge());
         let at = |stride: usize| size.width.div_ceil(stride) * size.height.div_ceil(stride) * enlarge.pow(2);
-        let (blocks, pixels) = (at(LARGEST_STRIDE), at(self.network.manifest().feature_stride));
+        let Manifest { feature_stride, cascade, .. } = *self.network.manifest();
+        let (blocks, pixels) = (at(LARGEST_STRIDE), at(feature_stride));
         let wide = if enlarge > 1 { blocks / 4 * channels.coarse } else { 0 };
+        let wide = if cascade.is_some() { pixels / 4 * channels.coarse } else { wide };
         let flows = !self.options.iterations.is_empty();
         let kept = if flows { channels.features * blocks } else { channels.coarse * pixels };
         let features = views * ((kept + wide) * value + blocks * PHOTOGRAPHS);
@@ -217,7 +234,13 @@ impl Estimator {
         let hypotheses = 2 * self.network.manifest().hypotheses + 1;
         let points = if flows { self.options.strip_points.min(pixels * hypotheses) } else { 0 };
         let flow = POINTS * points * channels.point * value;
-        WORKSPACE + features + encoding.max(self.coarse_bytes(pixels, views, planes)).max(flow)
+        let volumes = match cascade {
+            None => self.coarse_bytes(pixels, views, planes),
+            Some(Cascade { planes: around, .. }) => {
+                self.coarse_bytes(pixels / 4, views, planes).max(self.coarse_bytes(pixels, views, around))
+            }
+        };
+        WORKSPACE + features + encoding.max(volumes).max(flow)
     }
 
     /// Memory of the coarse stage for a coarse map of `pixels` pixels, bytes.
@@ -271,7 +294,8 @@ impl Estimator {
     ) -> Result<(DepthMap, Vec<Grid<f32>>), NetError> {
         self.check(sources, planes)?;
         tch::no_grad(|| {
-            let (stages, masks) = self.stages_seen(reference, sources, planes, None, profile)?;
+            let Stages { maps: stages, visibility: masks, surface } =
+                self.all_stages(reference, sources, planes, None, profile)?;
             let [height, width] = {
                 let Size { width, height } = reference.camera.size;
                 [height, width].map(|side| (side / reference.stride) as i64)
@@ -281,7 +305,11 @@ impl Estimator {
                 to_grid(&padded.f_narrow(0, 0, height)?.f_narrow(1, 0, width)?)
             };
             let seen = masks.iter().map(grid).collect::<Result<_, _>>()?;
-            Ok((self.depth_map(reference, planes, &stages)?, seen))
+            let mut map = self.depth_map(reference, planes, &stages)?;
+            if let Some(surface) = surface {
+                keep_surfaces(&mut map, &to_grid(&surface)?);
+            }
+            Ok((map, seen))
         })
     }
 
@@ -309,26 +337,32 @@ impl Estimator {
         seen: Option<Vec<Tensor>>,
         profile: &mut Profile,
     ) -> Result<Vec<PlaneMap>, NetError> {
-        Ok(self.stages_seen(reference, sources, planes, seen, profile)?.0)
+        Ok(self.all_stages(reference, sources, planes, seen, profile)?.maps)
     }
 
-    /// As [`Estimator::stages`], with the visibility masks of the coarse stage.
-    fn stages_seen(
+    /// As [`Estimator::stages`], with what else the stages tell.
+    fn all_stages(
         &self,
         reference: &EncodedView,
         sources: &[&EncodedView],
         planes: &Planes,
         seen: Option<Vec<Tensor>>,
         profile: &mut Profile,
-    ) -> Result<(Vec<PlaneMap>, Vec<Tensor>), NetError> {
-        let Coarse { map, visibility, .. } = self.coarse(reference, sources, planes, seen, profile)?;
+    ) -> Result<Stages, NetError> {
+        let coarse = self.coarse(reference, sources, planes, seen, profile)?;
+        if self.network.manifest().cascade.is_some() {
+            let Fine { map, visibility, surface, .. } =
+                self.fine(reference, sources, planes, &coarse, profile)?;
+            return Ok(Stages { maps: vec![coarse.map, map], visibility, surface: Some(surface) });
+        }
+        let Coarse { map, visibility, .. } = coarse;
         let mut stages = vec![self.completed(map, reference, planes, profile)?];
         for iteration in self.iterations() {
             let stage = self.flow_stage(reference, sources, planes, &visibility, iteration);
             let refined = self.iterate(&stage, &stages[stages.len() - 1].u, profile)?;
             stages.push(refined);
         }
-        Ok((stages, visibility))
+        Ok(Stages { maps: stages, visibility, surface: None })
     }
 
     /// Runs one iteration on the depth map `before`, with the upsampling before it and the completion after it that
@@ -364,12 +398,13 @@ impl Estimator {
         }
     }
 
-    /// The coarse stage (sections 3.1 and 3.2).
+    /// The coarse stage (sections 3.1 and 3.2). In a cascade it sweeps the photograph at half its size: its map has half
+    /// the resolution of the other stages.
     ///
     /// If photographs are enlarged (a coarse stride of 4 with features of stride 8), the costs at the fine stride are
     /// blended with those at twice that stride, by the confidence of the fine ones; the wider ones are better where
     /// photographs are blurred or cameras inaccurate. For vis-var and vis-corr, the visibility masks `seen`,
-    /// (1, 1, h, w) for each source view, replace the network's own.
+    /// (1, 1, h, w) for each source view at the resolution of the last map, replace the network's own.
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -384,7 +419,8 @@ impl Estimator {
         let (network, slab_bytes) = (&self.network, self.options.slab_bytes);
         let wide_masks = seen.as_ref().map(|masks| masks.iter().map(halved).collect::<Result<_, _>>());
         let mut costs_at = |level: usize, seen: Option<Vec<Tensor>>| {
-            let inputs = SweepInputs { network, reference, sources, planes, level, slab_bytes };
+            let inputs =
+                SweepInputs { network, reference, sources, planes, level, around: None, slab_bytes };
             let are_given = seen.is_some();
             let Costs { costs, visibility } = cost_volume::costs(&inputs, seen, profile)?;
             let stride = reference.stride << level;
@@ -392,13 +428,74 @@ impl Estimator {
             let masks = visibility.into_iter().map(|mask| centred(mask, if are_given { 0.0 } else { cells }));
             Ok::<_, NetError>((centred(costs, cells)?, masks.collect::<Result<_, _>>()?))
         };
-        let (mut costs, visibility) = costs_at(0, seen)?;
-        if reference.coarse.len() > 1 {
-            let (wide, _) = costs_at(1, wide_masks.transpose()?)?;
-            costs = where_unsure(&costs, &wide, network.manifest().window)?;
-        }
+        let wide_masks = wide_masks.transpose()?;
+        let (costs, visibility) = if network.manifest().cascade.is_some() {
+            costs_at(1, wide_masks)?
+        } else {
+            let (costs, visibility) = costs_at(0, seen)?;
+            if reference.coarse.len() == 1 {
+                (costs, visibility)
+            } else {
+                let (wide, _) = costs_at(1, wide_masks)?;
+                (where_unsure(&costs, &wide, network.manifest().window)?, visibility)
+            }
+        };
         let map = profile.time(Stage::Regularize, || soft_argmin(&costs, network.manifest().window))?;
         Ok(Coarse { map, costs, visibility })
+    }
+
+    /// A cascade's second stage, around the map of the first one and with its weights of the views. The network must be a
+    /// cascade.
+    ///
+    /// # Errors
+    /// As [`Estimator::estimate`].
+    pub fn fine(
+        &self,
+        reference: &EncodedView,
+        sources: &[&EncodedView],
+        planes: &Planes,
+        coarse: &Coarse,
+        profile: &mut Profile,
+    ) -> Result<Fine, NetError> {
+        let (network, slab_bytes) = (&self.network, self.options.slab_bytes);
+        let Manifest { cascade, window, .. } = network.manifest();
+        let Some(cascade) = *cascade else {
+            return Err(NetError::Request("a second stage needs a network that is a cascade".to_owned()));
+        };
+        let size = reference.size_at(reference.stride);
+        let around = enlarged_depth(&coarse.map.u, size)?.f_detach()?;
+        let visibility: Vec<Tensor> =
+            coarse.visibility.iter().map(|mask| enlarged(mask, size)).collect::<Result<_, _>>()?;
+        let inputs = SweepInputs {
+            network,
+            reference,
+            sources,
+            planes,
+            level: 0,
+            around: Some(&around),
+            slab_bytes,
+        };
+        let masks = visibility.iter().map(Tensor::shallow_clone).collect();
+        let CostVolume { volume, .. } =
+            profile.time(Stage::Sweep, || cost_volume::sweep(&inputs, Some(masks)))?;
+        let costs = profile.time(Stage::Regularize, || cost_volume::regularize(&inputs, &volume))?;
+        let PlaneMap { u: place, confidence } = soft_argmin(&costs, *window)?;
+        let from_middle = place.f_sub_scalar(0.5 * (cascade.planes - 1) as f64)?;
+        let u = around.f_add(&from_middle.f_mul_scalar(cascade.step)?)?;
+        let as_images = |map: &Tensor| map.f_unsqueeze(0)?.f_unsqueeze(0);
+        let coarse_confidence = enlarged(&as_images(&coarse.map.confidence)?, size)?;
+        let evidence = [
+            coarse_confidence.shallow_clone(),
+            enlarged(&spread_of(&coarse.costs)?, size)?,
+            as_images(&confidence)?,
+            volume.f_mean_dim([1].as_slice(), false, Kind::Float)?.f_amax([1], true)?,
+            Tensor::f_cat(&visibility, 1)?.f_mean_dim([1].as_slice(), true, Kind::Float)?,
+            as_images(&u)?.f_div_scalar((planes.count - 1) as f64)?,
+        ];
+        let evidence = Tensor::f_cat(&evidence, 1)?.f_detach()?;
+        let surface = network.surface(&evidence, &reference.coarse[0])?.f_squeeze_dims([0, 1].as_slice())?;
+        let confidence = confidence.f_mul(&coarse_confidence.f_squeeze_dims([0, 1].as_slice())?)?;
+        Ok(Fine { map: PlaneMap { u, confidence }, costs, around, surface, visibility })
     }
 
     /// The inputs of one flow iteration (sections 3.3 and 3.4), with the visibility masks of the coarse stage. If the
@@ -446,6 +543,7 @@ impl Estimator {
         stages: &[PlaneMap],
     ) -> Result<DepthMap, NetError> {
         let scale = self.iterations().last().map_or(reference.stride, |iteration| iteration.scale);
+        let first_scale = reference.padded.width / stages[0].u.size()[1] as usize;
         let full = reference.camera.size;
         let size = Size::new(full.width / scale, full.height / scale);
         let last = &stages[stages.len() - 1];
@@ -454,7 +552,12 @@ impl Estimator {
             to_grid(&map.f_narrow(0, 0, size.height as i64)?.f_narrow(1, 0, size.width as i64)?)
         };
         let depth = depth_of(planes, &last.u)?.f_mul_scalar(planes.range.near)?;
-        let coarse_confidence = grid(&upsample_nearest(&stages[0].confidence, padded)?)?;
+        let coarse_confidence = if first_scale > reference.stride {
+            let confidence = stages[0].confidence.f_unsqueeze(0)?.f_unsqueeze(0)?;
+            grid(&enlarged(&confidence, padded)?.f_squeeze_dims([0, 1].as_slice())?)?
+        } else {
+            grid(&upsample_nearest(&stages[0].confidence, padded)?)?
+        };
         let confidence = if stages.len() > 1 { grid(&last.confidence)? } else { coarse_confidence.clone() };
         let confidence = self.calibrated(confidence);
         let ratio = 1.0 / scale as f64;
@@ -466,6 +569,59 @@ impl Estimator {
             coarse_confidence: Some(coarse_confidence),
         })
     }
+}
+
+/// The maps of all stages, the coarse one first, and what the stages tell beside depth.
+struct Stages {
+    maps: Vec<PlaneMap>,
+    /// The visibility mask of each source view, (1, 1, h, w) at the coarse stride; empty unless the aggregation weighs views.
+    visibility: Vec<Tensor>,
+    /// Of a cascade: the probability of a surface, (h, w) at the coarse stride.
+    surface: Option<Tensor>,
+}
+
+/// Pixels that are less likely than this to show a surface have no depth.
+const LEAST_SURFACE: f32 = 0.5;
+
+/// Where there may be no surface, there is less confidence in a depth; where there likely is none, there is no depth.
+fn keep_surfaces(map: &mut DepthMap, surface: &Grid<f32>) {
+    let width = map.depth.width();
+    let pixels = map.depth.data_mut().iter_mut().zip(map.confidence.data_mut());
+    for (at, (depth, confidence)) in pixels.enumerate() {
+        let surface = surface[(at % width, at / width)];
+        *confidence *= surface;
+        if surface < LEAST_SURFACE {
+            (*depth, *confidence) = (0.0, 0.0);
+        }
+    }
+}
+
+/// A map (1, 1, h, w) enlarged bilinearly to this size.
+fn enlarged(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
+    map.f_upsample_bilinear2d([size.height as i64, size.width as i64], false, None, None)
+}
+
+/// Depths of neighbouring pixels that differ by more than this are of different surfaces; plane distances.
+const ONE_SURFACE: f64 = 1.0;
+
+/// A depth map (h, w) in plane coordinates enlarged to this size: between pixels of one surface bilinearly, else the
+/// depth of the nearest pixel.
+fn enlarged_depth(u: &Tensor, size: Size) -> Result<Tensor, TchError> {
+    let u = u.f_unsqueeze(0)?.f_unsqueeze(0)?;
+    let (between, nearest) = (enlarged(&u, size)?, {
+        let sides = [size.height as i64, size.width as i64];
+        u.f_upsample_nearest2d(sides, None, None)?
+    });
+    let is_one = between.f_sub(&nearest)?.f_abs()?.f_le(0.5 * ONE_SURFACE)?;
+    between.f_where_self(&is_one, &nearest)?.f_squeeze_dims([0, 1].as_slice())
+}
+
+/// How widely the probability of costs (1, D, h, w) is spread over the planes: its entropy as a share of the largest,
+/// (1, 1, h, w).
+fn spread_of(costs: &Tensor) -> Result<Tensor, TchError> {
+    let logs = costs.f_neg()?.f_log_softmax(1, Kind::Float)?;
+    let entropy = logs.f_exp()?.f_mul(&logs)?.f_sum_dim_intlist([1].as_slice(), true, Kind::Float)?.f_neg()?;
+    entropy.f_div_scalar((costs.size()[1] as f64).ln())
 }
 
 /// A mask (1, 1, h, w) averaged down to half its size.

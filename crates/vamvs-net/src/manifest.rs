@@ -4,6 +4,7 @@ use std::num::NonZeroUsize;
 
 use crate::depth_completion::Completion;
 use serde::{Deserialize, Serialize};
+use tch::{Device, Kind, TchError, Tensor};
 use vamvs_core::MonotoneMap;
 
 use crate::encode::{FLOW_SCALES, LARGEST_STRIDE};
@@ -66,6 +67,9 @@ pub struct Manifest {
     /// vis-corr: number of channels in a group; the channels of every level of features are a multiple of it.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub group: usize,
+    /// vis-corr: the planes of a second volume around the depth of the first one; absent: one volume.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cascade: Option<Cascade>,
     /// The number of planes for which the network is meant; runs choose theirs from the cameras.
     pub planes: usize,
     /// Distance between neighbouring planes in the source views, pixels of the photograph; absent: 4, half a pixel of the
@@ -134,6 +138,25 @@ pub struct Iteration {
     pub step: f64,
 }
 
+/// The second volume of a cascade. The first one is swept at twice the coarse stride, in a photograph of half the size.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cascade {
+    /// The number of planes around the depth of the first volume.
+    pub planes: usize,
+    /// Their distance, in plane distances of the first volume.
+    pub step: f64,
+}
+
+impl Cascade {
+    /// The places of the planes relative to the depth that they lie around, in plane distances of the first volume: (K).
+    pub(crate) fn offsets(self, device: Device) -> Result<Tensor, TchError> {
+        let middle = 0.5 * (self.planes - 1) as f64;
+        let index = Tensor::f_arange(self.planes as i64, (Kind::Float, device))?;
+        index.f_sub_scalar(middle)?.f_mul_scalar(self.step)
+    }
+}
+
 impl Manifest {
     /// Parses and checks a manifest.
     ///
@@ -178,6 +201,9 @@ impl Manifest {
         if manifest.aggregation.correlates() && !are_zero(&offsets) {
             return Err(wrong("has feature_offsets: expected none for vis-corr".to_owned()));
         }
+        if let Some(cascade) = manifest.cascade {
+            manifest.check_cascade(cascade).map_err(wrong)?;
+        }
         if let Some(window) = manifest.window.filter(|window| *window > 64) {
             return Err(wrong(format!("has a window of {window} planes: expected 0 to 64")));
         }
@@ -210,6 +236,25 @@ impl Manifest {
             4 => quarter,
             _ => eighth * (stride / LARGEST_STRIDE) as f64,
         }
+    }
+
+    fn check_cascade(&self, Cascade { planes, step }: Cascade) -> Result<(), String> {
+        if !(2..=64).contains(&planes) || !(0.01..=8.0).contains(&step) {
+            return Err(format!(
+                "has a cascade of {planes} planes (expected 2 to 64) with a step of {step} (expected 0.01 to 8)"
+            ));
+        }
+        if !self.aggregation.correlates()
+            || !self.context
+            || !self.coarse_alone
+            || self.feature_stride != 4
+            || !self.iterations.is_empty()
+        {
+            return Err("has a cascade: expected it of a vis-corr alone that has context, coarse_alone, a \
+                        feature_stride of 4, and no iterations"
+                .to_owned());
+        }
+        Ok(())
     }
 
     /// Checks that the network can work with this coarse stride.
@@ -279,6 +324,8 @@ mod tests {
             ("\"planes\":96", "\"planes\":96,\"feature_offsets\":[0.5,1.5,4]", "less than 1, 2 and 4"),
             ("vis-max\"", "vis-corr\",\"group\":4,\"feature_offsets\":[0.5,1.5,3.5]", "none for vis-corr"),
             ("\"planes\":96", "\"planes\":96,\"window\":65", "window of 65"),
+            ("\"planes\":96", "\"planes\":96,\"cascade\":{\"planes\":1,\"step\":0.5}", "cascade of 1 planes"),
+            ("\"planes\":96", "\"planes\":96,\"cascade\":{\"planes\":8,\"step\":0.5}", "vis-corr alone"),
             ("\"planes\":96", "\"planes\":96,\"coarse_stride\":16", "a coarse stride of 16"),
             ("\"planes\":96", "\"planes\":96,\"feature_stride\":2", "stride of 2"),
             ("\"planes\":96", "\"planes\":96,\"feature_stride\":4", "the stride of the network's features"),

@@ -264,6 +264,11 @@ impl Network {
         self.check_averaged(volume_channels)?;
         let volume = Tensor::f_rand([1, volume_channels, planes, h, w], (Kind::Float, self.device))?;
         let _costs = self.regularize(&volume, coarse)?;
+        if self.manifest.cascade.is_some() {
+            let _costs = self.regularize_fine(&volume, coarse)?;
+            let evidence = Tensor::f_rand([1, EVIDENCE, h, w], (Kind::Float, self.device))?;
+            let _surface = self.surface(&evidence, coarse)?;
+        }
         let mut first_layers = 0;
         if self.manifest.slabs {
             let mut slabs = Slabs::new(self, planes as usize);
@@ -406,6 +411,26 @@ impl Network {
         Ok(costs)
     }
 
+    /// A cascade's second volume (1, C', K, h, w) and the coarse features of the reference view (1, C, h, w) → costs
+    /// (1, K, h, w); a low cost is likely.
+    pub(crate) fn regularize_fine(&self, volume: &Tensor, reference: &Tensor) -> Result<Tensor, NetError> {
+        let (n, _, d, h, w) = volume.size5()?;
+        let expected = "(volume (B, C', K, h, w), ref (B, C, h, w)) → (B, K, h, w)";
+        let costs = self.call("regularize_fine", expected, &[volume, reference])?;
+        self.check("regularize_fine", &costs, &[Some(n), Some(d), Some(h), Some(w)])?;
+        Ok(costs)
+    }
+
+    /// What a cascade's volumes tell of surfaces (1, 6, h, w; see [`crate::estimator::Fine`]) and the coarse features of the
+    /// reference view (1, C, h, w) → probability of a surface (1, 1, h, w).
+    pub(crate) fn surface(&self, evidence: &Tensor, reference: &Tensor) -> Result<Tensor, NetError> {
+        let (n, _, h, w) = evidence.size4()?;
+        let expected = "(evidence (B, 6, h, w), ref (B, C, h, w)) → (B, 1, h, w)";
+        let surface = self.call("surface", expected, &[evidence, reference])?;
+        self.check("surface", &surface, &[Some(n), Some(1), Some(h), Some(w)])?;
+        Ok(surface)
+    }
+
     /// D planes of the volume with one more before and after them, (1, C', D + 2, h, w) → the outputs of the first
     /// layers at full and at half resolution, (1, a, D, h', w') and (1, b, D/2, h'/2, w'/2).
     pub(crate) fn regularize_slab(&self, planes: &Tensor) -> Result<(Tensor, Tensor), NetError> {
@@ -484,6 +509,9 @@ impl Network {
         })
     }
 }
+
+/// Channels of what a cascade's volumes tell of surfaces.
+pub(crate) const EVIDENCE: i64 = 6;
 
 /// The side of the probe's image, in blocks of 8 pixels.
 const SIDE: i64 = 4;

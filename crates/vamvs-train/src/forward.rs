@@ -15,14 +15,22 @@ use crate::sample::Sample;
 pub struct StageOutput {
     /// The depth, (h, w).
     pub u: Tensor,
-    /// The costs of the planes, (D, h, w); `None` for flow iterations.
-    pub costs: Option<Tensor>,
+    /// The costs of the planes; `None` for flow iterations.
+    pub costs: Option<PlaneCosts>,
     /// The depth that the stage refines, (h, w); `None` for the coarse stage.
     pub before: Option<Tensor>,
     /// The ground truth, (h, w), NaN where unknown.
     pub ground_truth: Tensor,
     /// Distance s between the stage's hypotheses, in plane distances; 1 for the coarse stage.
     pub step: f64,
+}
+
+/// The costs of the planes of a stage, and where among them the ground truth lies.
+pub struct PlaneCosts {
+    /// (D, h, w); a low cost is likely.
+    pub costs: Tensor,
+    /// The number of the plane at the ground truth, with fractions, (h, w); NaN where unknown. It may be outside of the planes.
+    pub true_plane: Tensor,
 }
 
 /// The output of all stages.
@@ -32,6 +40,9 @@ pub struct Output {
     /// vis-var and vis-corr: the visibility masks (h, w) in [0, 1], each with its ground truth (NaN where unknown), of
     /// the source views for which the scene has visibility.
     pub visibility: Vec<(Tensor, Tensor)>,
+    /// Of a cascade: the probability that a pixel shows a surface inside the depth range, (h, w), and whether it does: 1, 0,
+    /// or NaN where that is unknown.
+    pub surface: Option<(Tensor, Tensor)>,
 }
 
 /// Which stages are run, and which of them are trained.
@@ -66,16 +77,44 @@ pub fn forward(
     let coarse = || estimator.coarse(reference, &sources, &sample.planes, seen, profile);
     let coarse = if learning == Learning::Flow { tch::no_grad(coarse)? } else { coarse()? };
     let enlarge = network.enlarge();
-    let stride = network.manifest().feature_stride;
+    let feature_stride = network.manifest().feature_stride;
+    let cascade = network.manifest().cascade;
+    let stride = if cascade.is_some() { 2 * feature_stride } else { feature_stride };
     let all = DilationPhase { enlarge, stride, scale: stride, first: (0, 0) };
+    let fine = match cascade {
+        Some(cascade) => {
+            let fine = estimator.fine(reference, &sources, &sample.planes, &coarse, profile)?;
+            Some((cascade, fine))
+        }
+        None => None,
+    };
     let mut u = coarse.map.u.shallow_clone();
+    let ground_truth = all.ground_truth(sample, &u)?;
     let mut stages = vec![StageOutput {
-        ground_truth: all.ground_truth(sample, &u)?,
         u: coarse.map.u,
-        costs: Some(coarse.costs.f_squeeze_dim(0)?),
+        costs: Some(PlaneCosts {
+            costs: coarse.costs.f_squeeze_dim(0)?,
+            true_plane: ground_truth.shallow_clone(),
+        }),
+        ground_truth,
         before: None,
         step: 1.0,
     }];
+    let mut surface = None;
+    if let Some((cascade, fine)) = fine {
+        let all = DilationPhase { stride: feature_stride, scale: feature_stride, ..all };
+        let ground_truth = all.ground_truth(sample, &fine.map.u)?;
+        let from_middle = ground_truth.f_sub(&fine.around)?.f_div_scalar(cascade.step)?;
+        let true_plane = from_middle.f_add_scalar(0.5 * (cascade.planes - 1) as f64)?;
+        surface = Some((fine.surface.shallow_clone(), all.is_surface(sample, &fine.surface)?));
+        stages.push(StageOutput {
+            u: fine.map.u,
+            costs: Some(PlaneCosts { costs: fine.costs.f_squeeze_dim(0)?, true_plane }),
+            before: None,
+            ground_truth,
+            step: cascade.step,
+        });
+    }
     let iterations = match iterations {
         _ if learning == Learning::Coarse => Vec::new(),
         None => estimator.iterations(),
@@ -103,7 +142,7 @@ pub fn forward(
             visibility.push((mask, ground_truth));
         }
     }
-    Ok(Output { visibility, stages })
+    Ok(Output { visibility, stages, surface })
 }
 
 /// Iterations with scales relative to the enlarged photograph that the network sees, without those coarser than the
@@ -142,6 +181,14 @@ impl DilationPhase {
     fn places(self, like: &Tensor) -> Result<[Vec<f64>; 2], TrainError> {
         let (height, width) = like.size2()?;
         Ok([self.centres(self.first.0, width), self.centres(self.first.1, height)])
+    }
+
+    /// Whether the phase's pixels show a surface inside the range of the planes, in the shape of `like`: 1, 0, or NaN where
+    /// that is unknown.
+    fn is_surface(self, sample: &Sample, like: &Tensor) -> Result<Tensor, TrainError> {
+        let [xs, ys] = self.places(like)?;
+        let surface = sample.ground_truth.surfaces(&xs, &ys, &sample.planes);
+        Ok(Tensor::f_from_slice(&surface)?.f_view_as(like)?.f_to_device(like.device())?)
     }
 
     /// The ground truth at the phase's pixels, in plane coordinates, in the shape of `like`; NaN where unknown.

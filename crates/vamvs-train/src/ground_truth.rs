@@ -11,6 +11,8 @@ const ONE_SURFACE: f32 = 0.02;
 pub struct GroundTruth {
     /// Depths as stored, 0 where unknown.
     pub depth: Grid<f32>,
+    /// Whether pixels without depth show no surface; else what they show is unknown.
+    pub is_complete: bool,
     /// For each source view of the sample, the visibility of the stored pixels in it; empty if unknown.
     pub visibility: Vec<Grid<Visibility>>,
     /// Stored image coordinates of the sample's corner (0, 0).
@@ -69,6 +71,25 @@ impl GroundTruth {
         crossings(xs, ys).map(|place| coordinate(place).unwrap_or(f32::NAN)).collect()
     }
 
+    /// Whether a surface inside the range of the planes is seen at the same crossings: 1 or 0; NaN where that is unknown, and
+    /// within half a plane distance outside of the range.
+    #[must_use]
+    pub fn surfaces(&self, xs: &[f64], ys: &[f64], planes: &Planes) -> Vec<f32> {
+        let last = (planes.count - 1) as f64;
+        let surface = |place| match self.depth_at(place).map(|depth| planes.coordinate(depth)) {
+            Some(u) if (0.0..=last).contains(&u) => 1.0,
+            Some(u) if !(-0.5..=last + 0.5).contains(&u) => 0.0,
+            None if self.is_complete && self.is_inside(place) => 0.0,
+            _ => f32::NAN,
+        };
+        crossings(xs, ys).map(surface).collect()
+    }
+
+    fn is_inside(&self, place: [f64; 2]) -> bool {
+        let [x, y] = self.stored(place);
+        x >= 0.0 && y >= 0.0 && x < self.depth.width() as f64 && y < self.depth.height() as f64
+    }
+
     /// The visibility in source view `source` at the same crossings; `None` if it is not stored.
     #[must_use]
     pub fn seen(&self, source: usize, xs: &[f64], ys: &[f64]) -> Option<Vec<Visibility>> {
@@ -96,6 +117,7 @@ mod tests {
         let inverse = |x: usize, y: usize| 0.2 + 5e-4 * (x as f64 + 0.5) + 1e-3 * (y as f64 + 0.5);
         GroundTruth {
             depth: Grid::from_fn(Size::new(12, 10), |x, y| (1.0 / inverse(x, y)) as f32),
+            is_complete: true,
             visibility: Vec::new(),
             origin: [2.0, 1.0],
             step: [1.0, 1.0],
@@ -120,6 +142,21 @@ mod tests {
         ground_truth.depth.data_mut()[4 * 12 + 6] = 0.0;
         assert_eq!(ground_truth.depth_at([4.5, 3.5]), None);
         assert_eq!(ground_truth.depth_at([-3.0, 3.5]), None);
+    }
+
+    #[test]
+    fn sky_and_what_lies_beyond_are_no_surfaces_and_holes_of_a_scanner_are_unknown() {
+        let range = DepthRange { near: 2.0, far: 3.0 };
+        let planes = Planes { range, count: 11, spacing: Spacing::Depth };
+        let mut ground_truth = GroundTruth { origin: [0.0; 2], ..plane() };
+        ground_truth.depth = Grid::from_fn(Size::new(12, 10), |x, _| [1.8, 2.0, 2.5, 3.04, 3.2, 0.0][x % 6]);
+        let xs = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 12.5];
+        let told = |surfaces: Vec<f32>| {
+            surfaces.iter().map(|s| if s.is_nan() { '?' } else if *s > 0.5 { '1' } else { '0' }).collect::<String>()
+        };
+        assert_eq!(told(ground_truth.surfaces(&xs, &[3.5], &planes)), "011?00?");
+        ground_truth.is_complete = false;
+        assert_eq!(told(ground_truth.surfaces(&xs, &[3.5], &planes)), "011?0??");
     }
 
     #[test]

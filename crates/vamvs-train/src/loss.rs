@@ -1,8 +1,8 @@
 //! The loss (equations 8 and 9).
 
-use tch::{Kind, TchError, Tensor};
+use tch::{Kind, Reduction, TchError, Tensor};
 
-use crate::forward::{Learning, Output, StageOutput};
+use crate::forward::{Learning, Output, PlaneCosts, StageOutput};
 use crate::options::LossOptions;
 
 /// With cross entropy, equation 8 applies to coarse depths with at most this error, in plane distances.
@@ -38,8 +38,8 @@ pub fn losses(
         stages.push(loss.as_ref().map_or(f64::NAN, value));
         match &stage.costs {
             Some(_) if !coarse_learns => (),
-            Some(costs) if options.cross_entropy > 0.0 => {
-                total.add(cross_entropy(costs, &stage.ground_truth)?, options.cross_entropy)?;
+            Some(PlaneCosts { costs, true_plane }) if options.cross_entropy > 0.0 => {
+                total.add(cross_entropy(costs, true_plane)?, options.cross_entropy)?;
                 total.add(near_loss(stage)?, 1.0)?;
             }
             _ => total.add(loss, 1.0)?,
@@ -50,8 +50,13 @@ pub fn losses(
         masks.add(mean_difference(mask, ground_truth, None)?, 1.0 / output.visibility.len() as f64)?;
     }
     let visibility = masks.0.as_ref().map_or(f64::NAN, value);
+    let surface = match &output.surface {
+        Some((surface, ground_truth)) => surface_loss(surface, ground_truth)?,
+        None => None,
+    };
     if coarse_learns {
         total.add(masks.0, options.visibility)?;
+        total.add(surface, options.surface)?;
     }
     Ok(Losses { total: total.0, stages, visibility })
 }
@@ -67,10 +72,21 @@ fn stage_loss(stage: &StageOutput, reach: f64) -> Result<Option<Tensor>, TchErro
     loss.map(|loss| loss.f_div_scalar(stage.step)).transpose()
 }
 
-/// Mean |u − u_gt| of the coarse stage over the pixels where it is at most `NEAR` plane distances.
+/// Mean |u − u_gt| / s of a stage with planes over the pixels where it is at most `NEAR` distances of its planes.
 fn near_loss(stage: &StageOutput) -> Result<Option<Tensor>, TchError> {
-    let near = stage.u.f_detach()?.f_sub(&stage.ground_truth)?.f_abs()?.f_le(NEAR)?;
-    mean_difference(&stage.u, &stage.ground_truth, Some(&near))
+    let near = stage.u.f_detach()?.f_sub(&stage.ground_truth)?.f_abs()?.f_le(NEAR * stage.step)?;
+    let loss = mean_difference(&stage.u, &stage.ground_truth, Some(&near))?;
+    loss.map(|loss| loss.f_div_scalar(stage.step)).transpose()
+}
+
+/// The binary cross entropy of the probability of a surface where it is known whether there is one.
+fn surface_loss(surface: &Tensor, ground_truth: &Tensor) -> Result<Option<Tensor>, TchError> {
+    let known = ground_truth.f_isnan()?.f_logical_not()?;
+    if known.f_sum(Kind::Int64)?.int64_value(&[]) == 0 {
+        return Ok(None);
+    }
+    let (surface, ground_truth) = (surface.f_masked_select(&known)?, ground_truth.f_masked_select(&known)?);
+    Ok(Some(surface.f_binary_cross_entropy::<Tensor>(&ground_truth, None, Reduction::Mean)?))
 }
 
 /// Mean of −Σ t log p over the pixels with known ground truth inside the range, where t divides a pixel linearly
@@ -152,7 +168,7 @@ mod tests {
                 (Tensor::from_slice(&[0.0_f32, 0.9]), Tensor::from_slice(&[0.0_f32, 1.0])),
             ],
         };
-        let options = LossOptions { visibility: 0.1, flow_reach: 2.0, cross_entropy: 0.0 };
+        let options = LossOptions { visibility: 0.1, flow_reach: 2.0, cross_entropy: 0.0, surface: 0.0 };
         let losses = losses(&output, 2, Learning::All, &options).unwrap();
         assert!((losses.stages[0] - 1.5).abs() < 1e-6);
         assert!((losses.stages[1] - 1.0).abs() < 1e-6, "10 planes off is out of reach: {:?}", losses.stages);

@@ -47,6 +47,9 @@ pub struct SampleOptions {
     pub min_scale: f64,
     /// The largest random change of either end of the depth range, as a natural logarithm.
     pub range_jitter: f64,
+    /// The share of samples whose depth range ends before the farthest surfaces, so that the network learns that what lies
+    /// beyond is no surface to be measured.
+    pub beyond: f64,
     /// Simulated error of the source views' cameras: standard deviation of a shift of the principal point, pixels of
     /// the sample. This is its median over the samples, among which it varies log-normally with σ = 1.
     pub camera_noise: f64,
@@ -69,6 +72,8 @@ pub struct LossOptions {
     /// Weight of the cross entropy over the planes of the coarse stage. With it, equation 8 applies to the coarse depth
     /// only where its error is at most two plane distances. 0: equation 8 alone, at all pixels.
     pub cross_entropy: f64,
+    /// Weight of the cross entropy of the probability that a pixel shows a surface, for a cascade.
+    pub surface: f64,
 }
 
 /// The options of the optimiser.
@@ -124,6 +129,7 @@ impl Default for SampleOptions {
             max_planes: 64,
             min_scale: 0.5,
             range_jitter: 0.25,
+            beyond: 0.0,
             camera_noise: 0.3,
             true_visibility: false,
             augment: true,
@@ -133,7 +139,7 @@ impl Default for SampleOptions {
 
 impl Default for LossOptions {
     fn default() -> Self {
-        Self { visibility: 0.01, flow_reach: 2.0, cross_entropy: 1.0 }
+        Self { visibility: 0.01, flow_reach: 2.0, cross_entropy: 1.0, surface: 1.0 }
     }
 }
 
@@ -246,6 +252,8 @@ impl TrainOptions {
         between("the weight of visibility", self.loss.visibility, 0.0, 1e3)?;
         between("flow-reach", self.loss.flow_reach, 0.0, 1e3)?;
         between("cross-entropy", self.loss.cross_entropy, 0.0, 1e3)?;
+        between("the weight of surfaces", self.loss.surface, 0.0, 1e3)?;
+        between("beyond", self.sample.beyond, 0.0, 1.0)?;
         between("learning-rate", self.optimizer.learning_rate, 1e-8, 1.0)?;
         between("weight-decay", self.optimizer.weight_decay, 0.0, 1.0)?;
         between("clip", self.optimizer.clip, 0.0, 1e6)

@@ -36,7 +36,8 @@ impl TrainingScene {
     pub fn true_depths(&self, view: usize, size: Size) -> Result<Grid<f32>, TrainError> {
         let depth = pfm::read_depth(&self.views[view].depth)?;
         let step = [depth.width() as f64 / size.width as f64, depth.height() as f64 / size.height as f64];
-        let ground_truth = GroundTruth { depth, visibility: Vec::new(), origin: [0.0; 2], step };
+        let ground_truth =
+            GroundTruth { depth, is_complete: false, visibility: Vec::new(), origin: [0.0; 2], step };
         Ok(ground_truth.depths(&centres(size.width, 1), &centres(size.height, 1)))
     }
 }

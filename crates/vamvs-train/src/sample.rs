@@ -33,6 +33,8 @@ const OUTLIERS: f64 = 0.002;
 const STRIDE: usize = 4;
 /// How much wider the depth range of a whole view is than the ground truth's, at each end.
 const WIDER: f64 = 1.1;
+/// The least and the greatest share of the surfaces that are inside of a depth range that ends before the farthest ones.
+const BEYOND: (f64, f64) = (0.5, 0.97);
 /// The fraction of samples whose planes have another spacing than a run would choose.
 const OTHER_SPACING: f64 = 0.25;
 
@@ -351,6 +353,11 @@ fn planes(
     let range = true_range(depth, view)?;
     let mut jitter = |low: f64, high: f64| (options.range_jitter * rng.random_range(low..=high)).exp();
     let [near, far] = [range.near * jitter(-1.0, 0.1), range.far * jitter(-0.1, 1.0)];
+    let far = if rng.random_bool(options.beyond) {
+        depth_at_share(depth, rng.random_range(BEYOND.0..BEYOND.1)).unwrap_or(far)
+    } else {
+        far
+    };
     let range = DepthRange::try_new(near, far).unwrap_or(range);
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
     let planes_for_views =
@@ -362,6 +369,14 @@ fn planes(
         (Spacing::Depth, true) | (Spacing::InverseDepth, false) => Spacing::InverseDepth,
     };
     Ok(Planes { range, count, spacing })
+}
+
+/// The depth that this share of the ground truth does not exceed.
+fn depth_at_share(depth: &Grid<f32>, share: f64) -> Option<f64> {
+    let mut depths: Vec<f32> =
+        depth.data().iter().step_by(STRIDE * STRIDE).copied().filter(|&depth| is_valid(depth)).collect();
+    depths.sort_by(f32::total_cmp);
+    depths.get((depths.len() as f64 * share) as usize).map(|&depth| f64::from(depth))
 }
 
 /// The range of a view's ground-truth depths without outliers.
@@ -409,6 +424,7 @@ fn ground_truth(
     let [sx, sy] = cut.scale();
     Ok(GroundTruth {
         depth,
+        is_complete: view.is_complete,
         visibility,
         origin: [cut.part.x0 as f64 * step[0], cut.part.y0 as f64 * step[1]],
         step: [step[0] / sx, step[1] / sy],

@@ -64,5 +64,5 @@ fn swept<'a>(
     planes: &'a Planes,
     level: usize,
 ) -> SweepInputs<'a> {
-    SweepInputs { network, reference, sources, planes, level, slab_bytes: usize::MAX }
+    SweepInputs { network, reference, sources, planes, level, around: None, slab_bytes: usize::MAX }
 }

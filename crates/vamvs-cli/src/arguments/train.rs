@@ -102,6 +102,9 @@ pub struct TrainingFlags {
     /// Weight of the cross entropy of the coarse stage's planes; 0: equation 8 alone [default: 1; paper: 0].
     #[arg(long, value_name = "WEIGHT")]
     pub cross_entropy: Option<f64>,
+    /// Weight of the probability of a surface, of a cascade [default: 1].
+    #[arg(long, value_name = "WEIGHT")]
+    pub surface_weight: Option<f64>,
     /// Seed of the random numbers [default: 0].
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -126,6 +129,9 @@ pub struct SampleFlags {
     /// Largest change of the ends of the depth range, as a logarithm [default: 0.25; paper: 0].
     #[arg(long, value_name = "LOG")]
     pub range_jitter: Option<f64>,
+    /// Share of samples whose depth range ends before the farthest surfaces, 0 to 1 [default: 0].
+    #[arg(long, value_name = "SHARE")]
+    pub beyond: Option<f64>,
     /// Standard deviation of the errors of the source cameras, pixels [default: 0.3; paper: 0].
     #[arg(long, value_name = "PIXELS")]
     pub camera_noise: Option<f64>,

@@ -60,6 +60,7 @@ fn options(training: &TrainingFlags, samples: &SampleFlags) -> TrainOptions {
     set(&mut options.loss.visibility, training.visibility_weight);
     set(&mut options.loss.flow_reach, training.flow_reach);
     set(&mut options.loss.cross_entropy, training.cross_entropy);
+    set(&mut options.loss.surface, training.surface_weight);
     let optimizer = &mut options.optimizer;
     set(&mut optimizer.rule, training.optimizer);
     set(&mut optimizer.learning_rate, training.learning_rate);
@@ -72,6 +73,7 @@ fn options(training: &TrainingFlags, samples: &SampleFlags) -> TrainOptions {
     set(&mut sample.max_planes, samples.max_planes);
     set(&mut sample.min_scale, samples.min_scale);
     set(&mut sample.range_jitter, samples.range_jitter);
+    set(&mut sample.beyond, samples.beyond);
     set(&mut sample.camera_noise, samples.camera_noise);
     sample.augment &= !samples.no_augmentation;
     sample.true_visibility = samples.true_visibility;

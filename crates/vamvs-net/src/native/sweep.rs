@@ -24,10 +24,21 @@ pub(crate) struct Swept<'a> {
     pub reference: Level<'a>,
     /// The pixels of these features.
     pub pixel_grid: &'a PixelGrid,
-    /// Depths of the planes, in units of the nearest depth searched.
+    /// Depths of the planes, in units of the nearest depth searched: one for each plane, or (D, h, w).
     pub depths: &'a [f32],
+    /// D, the number of planes.
+    pub planes: usize,
     /// G, the number of groups of channels.
     pub groups: usize,
+}
+
+impl Swept<'_> {
+    /// The depth of a plane at a pixel, by its number in the image.
+    #[inline(always)]
+    fn depth(&self, plane: usize, pixel: usize) -> f32 {
+        let of_plane = self.depths.len() / self.planes;
+        self.depths[plane * of_plane + if of_plane == 1 { 0 } else { pixel }]
+    }
 }
 
 /// The maximum and the mean over all planes of the correlation, (1, 2 G, h, w); see [`crate::correlate::pooled`].
@@ -48,11 +59,12 @@ fn pool<const G: usize>(swept: &Swept<'_>, source: &Source<'_>, y: usize, row: &
     let Level { values, width, channels, .. } = swept.reference;
     let mut rays = Vec::with_capacity(width);
     source.transfer.rays(swept.pixel_grid, y, &mut rays);
-    let share = 1.0 / swept.depths.len() as f32;
+    let share = 1.0 / swept.planes as f32;
     for (x, (ray, pooled)) in rays.iter().zip(row.as_chunks_mut::<G>().0.as_chunks_mut::<2>().0).enumerate() {
         let reference = &values[(y * width + x) * channels..][..channels];
         let (mut largest, mut sum) = ([f32::NEG_INFINITY; G], [0.0; G]);
-        for &depth in swept.depths {
+        for plane in 0..swept.planes {
+            let depth = swept.depth(plane, y * width + x);
             let mut values = [0.0; G];
             let place = source.transfer.place(*ray, depth);
             if let Some(corners) = place.and_then(|place| Corners::around(&source.level, place)) {
@@ -76,15 +88,15 @@ pub(crate) fn volume(
 ) -> Result<Tensor, NetError> {
     let Level { width, height, .. } = swept.reference;
     let plane = height * width * swept.groups;
-    let depths = swept.depths.len();
+    let depths = swept.planes;
     let mut volume = Tensor::f_empty([(depths * plane) as i64], (tch::Kind::Float, tch::Device::Cpu))?;
     let values = in_memory_mut(&mut volume)?;
     let row = width * swept.groups;
     values.par_chunks_mut(row).enumerate().for_each(|(at, row)| {
-        let (depth, y) = (swept.depths[at / height], at % height);
+        let place = (at / height, at % height);
         match swept.groups {
-            4 => volume_row::<4>(swept, sources, masks, (depth, y), row),
-            _ => volume_row::<8>(swept, sources, masks, (depth, y), row),
+            4 => volume_row::<4>(swept, sources, masks, place, row),
+            _ => volume_row::<8>(swept, sources, masks, place, row),
         }
     });
     let [d, h, w, g] = [depths, height, width, swept.groups].map(|side| side as i64);
@@ -96,7 +108,7 @@ fn weigh<const G: usize>(
     swept: &Swept<'_>,
     sources: &[Source<'_>],
     masks: &[&[f32]],
-    (depth, y): (f32, usize),
+    (plane, y): (usize, usize),
     row: &mut [f32],
 ) {
     let Level { values, width, channels, .. } = swept.reference;
@@ -106,7 +118,7 @@ fn weigh<const G: usize>(
         source.transfer.rays(swept.pixel_grid, y, &mut rays);
         let pixels = row.as_chunks_mut::<G>().0.iter_mut().zip(&rays);
         for (x, (sums, ray)) in pixels.enumerate() {
-            let place = source.transfer.place(*ray, depth);
+            let place = source.transfer.place(*ray, swept.depth(plane, y * width + x));
             let Some(corners) = place.and_then(|place| Corners::around(&source.level, place)) else {
                 continue;
             };
@@ -124,6 +136,6 @@ best_of!(weigh => volume_row<const G>(
     swept: &Swept<'_>,
     sources: &[Source<'_>],
     masks: &[&[f32]],
-    at: (f32, usize),
+    at: (usize, usize),
     row: &mut [f32],
 ));

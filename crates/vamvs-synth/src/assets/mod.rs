@@ -28,6 +28,9 @@ use crate::{Environment, Material};
 /// Where there are files, the probability that a thing or a texture is procedural all the same.
 const PROCEDURAL: f64 = 0.2;
 
+/// The probability that a scene that shows the sky has a procedural one, whatever files there are.
+const PROCEDURAL_SKY: f64 = 0.8;
+
 /// Probability that a surface of [`Look::Any`] is almost textureless.
 const PLAIN: f64 = 0.15;
 
@@ -112,8 +115,16 @@ impl Assets {
     pub(crate) fn environment(&self, rng: &mut Pcg64) -> Result<Environment, AssetError> {
         let map = match self.environments.choose(rng) {
             Some(file) => environment::load(file)?,
-            None => sky::random(rng),
+            None => sky::random(sky::LIGHT, rng),
         };
         Ok(environment::normalised(map, rng))
+    }
+
+    /// As [`Self::environment`], but mostly a procedural sky, for scenes that show it.
+    pub(crate) fn outdoors(&self, rng: &mut Pcg64) -> Result<Environment, AssetError> {
+        match rng.random_bool(PROCEDURAL_SKY) {
+            true => Ok(environment::normalised(sky::random(sky::SEEN, rng), rng)),
+            false => self.environment(rng),
+        }
     }
 }

@@ -10,8 +10,11 @@ use vamvs_core::{Grid, Size};
 use crate::noise::{Octaves, lerp, smooth};
 use crate::pixel::fill;
 
-/// Size of the map, pixels.
-const SIZE: Size = Size::new(512, 256);
+/// Size of a map that only lights a scene, pixels.
+pub(super) const LIGHT: Size = Size::new(512, 256);
+
+/// Size of a map that cameras see, pixels.
+pub(super) const SEEN: Size = Size::new(2048, 1024);
 
 const CLOUDS: Octaves = Octaves { count: 5, gain: 0.55 };
 
@@ -25,15 +28,15 @@ struct Glow {
 
 /// A random map of linear radiance: a gradient from the horizon to the zenith with clouds, over dim ground. Most
 /// have a sun (a disc of 1° to 4° radius) or one to three large soft lights (discs of 9° to 29° radius).
-pub(super) fn random(rng: &mut Pcg64) -> Grid<[f32; 3]> {
+pub(super) fn random(size: Size, rng: &mut Pcg64) -> Grid<[f32; 3]> {
     let zenith = tinted(0.35..0.9, 0.35, rng);
     let horizon = tinted(0.6..1.3, 0.15, rng);
     let ground = tinted(0.05..0.4, 0.2, rng);
     let cover = rng.random_range(0.0..1.2_f32);
     let seed = rng.random();
     let glows = glows(rng);
-    fill(SIZE, |x, y| {
-        let direction = direction(x, y);
+    fill(size, |x, y| {
+        let direction = direction(size, x, y);
         let height = direction.z;
         let puffs = CLOUDS.space((direction * 3.0 + Vector3::repeat(9.0)).into(), seed);
         let clouds = cover * smooth(1.5 * puffs);
@@ -45,9 +48,9 @@ pub(super) fn random(rng: &mut Pcg64) -> Grid<[f32; 3]> {
 }
 
 /// The unit direction of a pixel's centre; rows go from the zenith to the nadir.
-fn direction(x: usize, y: usize) -> Vector3<f32> {
-    let azimuth = TAU * (x as f32 + 0.5) / SIZE.width as f32;
-    let polar = PI * (y as f32 + 0.5) / SIZE.height as f32;
+fn direction(size: Size, x: usize, y: usize) -> Vector3<f32> {
+    let azimuth = TAU * (x as f32 + 0.5) / size.width as f32;
+    let polar = PI * (y as f32 + 0.5) / size.height as f32;
     Vector3::new(polar.sin() * azimuth.cos(), polar.sin() * azimuth.sin(), polar.cos())
 }
 
@@ -96,7 +99,7 @@ mod tests {
 
     #[test]
     fn skies_are_bright_above_finite_and_differ() {
-        let sky = |seed| random(&mut Pcg64::seed_from_u64(seed));
+        let sky = |seed| random(LIGHT, &mut Pcg64::seed_from_u64(seed));
         for seed in 0..8 {
             let map = sky(seed);
             assert!(map.data().as_flattened().iter().all(|v| v.is_finite() && *v >= 0.0));

@@ -6,13 +6,17 @@ use nalgebra::Vector3;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-use super::Focus;
+use super::{Focus, Style};
 use crate::assets::{AssetError, Assets};
 use crate::{Environment, Lamp};
 
 /// A random environment of random strength: level ground gets an irradiance of 0.4 to 1.3 times π from it.
-pub(super) fn environment(assets: &Assets, rng: &mut Pcg64) -> Result<Environment, AssetError> {
-    let environment = assets.environment(rng)?;
+/// Streets are mostly under a sky.
+pub(super) fn environment(style: Style, assets: &Assets, rng: &mut Pcg64) -> Result<Environment, AssetError> {
+    let environment = match style {
+        Style::Street => assets.outdoors(rng)?,
+        _ => assets.environment(rng)?,
+    };
     Ok(Environment { strength: environment.strength * rng.random_range(0.4..1.3), ..environment })
 }
 

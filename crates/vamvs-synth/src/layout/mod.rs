@@ -7,6 +7,7 @@ mod light;
 mod physics;
 mod room;
 mod set;
+mod street;
 mod terrain;
 mod turntable;
 
@@ -33,11 +34,14 @@ pub enum Style {
     Terrain,
     /// A corner of a room with furniture, seen from inside.
     Room,
+    /// Houses, trees, wires and monuments against the sky.
+    Street,
 }
 
 impl Style {
     /// All styles.
-    pub const ALL: [Self; 5] = [Self::Clutter, Self::Turntable, Self::Facade, Self::Terrain, Self::Room];
+    pub const ALL: [Self; 6] =
+        [Self::Clutter, Self::Turntable, Self::Facade, Self::Terrain, Self::Room, Self::Street];
 
     /// The name that users write.
     #[must_use]
@@ -48,6 +52,7 @@ impl Style {
             Self::Facade => "facade",
             Self::Terrain => "terrain",
             Self::Room => "room",
+            Self::Street => "street",
         }
     }
 }
@@ -72,7 +77,7 @@ struct Layout {
 /// # Errors
 /// If an asset file cannot be read. Files are read when they are needed.
 pub fn stage(style: Style, assets: &Assets, rng: &mut Pcg64) -> Result<Stage, AssetError> {
-    let environment = light::environment(assets, rng)?;
+    let environment = light::environment(style, assets, rng)?;
     let set = Set::new(assets, rng);
     let Layout { objects, focus } = match style {
         Style::Clutter => clutter::build(set),
@@ -80,6 +85,7 @@ pub fn stage(style: Style, assets: &Assets, rng: &mut Pcg64) -> Result<Stage, As
         Style::Facade => facade::build(set),
         Style::Terrain => terrain::build(set),
         Style::Room => room::build(set),
+        Style::Street => street::build(set),
     }?;
     let lamps = light::lamps(&focus, rng);
     Ok(Stage { world: World { objects, environment, lamps }, focus })

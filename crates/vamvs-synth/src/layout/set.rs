@@ -45,6 +45,11 @@ impl<'a> Set<'a> {
         self.place_scaled(mesh, material, Similarity3::from_isometry(world_from_object, 1.0));
     }
 
+    /// Adds an object that is already placed.
+    pub fn add(&mut self, object: Object) {
+        self.objects.push(object);
+    }
+
     /// As [`Self::place`], with a scale.
     pub fn place_scaled(
         &mut self,

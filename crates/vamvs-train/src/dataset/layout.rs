@@ -57,19 +57,21 @@ fn scene(folder: &Path) -> Result<Option<TrainingScene>, TrainError> {
     let Some((images, depths)) = SCENES.iter().find(is_scene) else { return Ok(None) };
     let (images, depths) = (folder.join(images), folder.join(depths));
     let loaded = mvsnet::read_scene(&folder.join("cams"), &images, None, &mvsnet::Options::default())?;
+    let is_complete = folder.join("scene.json").is_file(); // that of `vamvs synth`
     let files = |name: &str| {
         let stem = Path::new(name).with_extension("");
         let visibility = folder.join("visibility").join(stem.with_extension("png"));
         let depth = required(depths.join(stem.with_extension("pfm")), "depth map", folder)?;
         Ok((images.join(name), depth, visibility.is_file().then_some(visibility)))
     };
-    training_scene(folder, &loaded.scene, files).map(Some)
+    training_scene(folder, &loaded.scene, is_complete, files).map(Some)
 }
 
 /// A training scene from views and the files of each: image, depth, visibility.
 fn training_scene(
     folder: &Path,
     scene: &Scene,
+    is_complete: bool,
     files: impl Fn(&str) -> Result<(PathBuf, PathBuf, Option<PathBuf>), TrainError>,
 ) -> Result<TrainingScene, TrainError> {
     let pinholes: Vec<_> = scene
@@ -79,7 +81,7 @@ fn training_scene(
         .collect();
     let views = scene.views.iter().zip(&pinholes).map(|(view, &camera)| {
         let (image, depth, visibility) = files(&view.name)?;
-        Ok(TrainingView { image, depth, visibility, camera, cam_from_world: view.cam_from_world })
+        Ok(TrainingView { image, depth, is_complete, visibility, camera, cam_from_world: view.cam_from_world })
     });
     Ok(TrainingScene {
         name: folder.file_name().and_then(OsStr::to_str).unwrap_or("scene").to_owned(),
@@ -119,6 +121,7 @@ fn dtu_scene(folder: &Path, scan: &Path, light: usize) -> Result<TrainingScene, 
             camera: Pinhole { size: image::stored_size(&image)?, intrinsics },
             image,
             depth: required(depth, "depth map", folder)?,
+            is_complete: false,
             visibility: None,
             cam_from_world: cam.cam_from_world,
         });

@@ -15,6 +15,8 @@ pub struct TrainingView {
     pub image: PathBuf,
     /// The ground-truth depth, a PFM file. It may have another size than the photograph, but has its field of view.
     pub depth: PathBuf,
+    /// Whether pixels without depth show no surface, as in synthetic scenes; else what they show is unknown.
+    pub is_complete: bool,
     /// The visibility in all views of the scene (see [`vamvs_io::visibility`]), if the scene has it.
     pub visibility: Option<PathBuf>,
     /// The photograph's camera.
