@@ -226,6 +226,24 @@ fn the_flow_alone_learns_without_a_change_of_coarse_weights() {
     assert!(error.contains("coarse-steps"), "{error}");
 }
 
+/// Of a cascade all parts learn: both volumes, and the probability of a surface.
+#[test]
+fn all_parts_of_a_cascade_learn() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut job = job(folder.path(), "out", 2);
+    (job.options.coarse_steps, job.options.freeze_norm_after, job.options.sample.beyond) = (2, 0, 0.5);
+    let cascade = || {
+        Network::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../weights/cascade.pt").as_ref(), Device::Cpu).unwrap()
+    };
+    let before = cascade().parameters().unwrap();
+    let after = train(&job, cascade(), &mut |_| ()).unwrap().parameters().unwrap();
+    for part in ["pyramid", "volume", "seen", "fine", "surface_net"] {
+        let mut of_part = before.iter().zip(&after).filter(|((name, _), _)| name.starts_with(part));
+        assert!(of_part.any(|((_, before), (_, after))| !before.equal(after)), "{part}");
+    }
+    assert!(after.iter().all(|(_, parameter)| parameter.isfinite().all().int64_value(&[]) == 1));
+}
+
 #[test]
 fn an_interrupted_run_ends_with_the_weights_of_an_undisturbed_one() {
     let folder = tempfile::tempdir().unwrap();

@@ -71,6 +71,9 @@ pub enum Command {
     /// Render synthetic scenes with exact depth and visibility.
     #[command(after_help = synth::EXAMPLES)]
     Synth(SynthArguments),
+    /// Make training scenes of reconstructions: depths that several views verify are pseudo ground truth.
+    #[command(after_help = PSEUDO_EXAMPLES)]
+    Pseudo(PseudoArguments),
     /// Train a network on scenes with ground truth.
     #[cfg(feature = "net")]
     #[command(after_help = train::EXAMPLES)]
@@ -96,6 +99,25 @@ pub enum Command {
     #[command(after_help = "Examples:\n  vamvs man | man -l -\n  vamvs man ~/.local/share/man/man1")]
     Man(ManArguments),
 }
+
+/// Arguments of `vamvs pseudo`.
+#[derive(Debug, Args)]
+pub struct PseudoArguments {
+    /// Output folders of `vamvs reconstruct`, best with `--quality best --views 9`, or other folders that `vamvs fuse` takes.
+    #[arg(value_name = "OUT", required = true)]
+    pub runs: Vec<PathBuf>,
+    /// Folder for the set: a scene for each reconstruction, called like it.
+    #[arg(long, value_name = "SET")]
+    pub out: PathBuf,
+    /// Configuration, filters excepted.
+    #[command(flatten)]
+    pub common: CommonFlags,
+}
+
+const PSEUDO_EXAMPLES: &str = "Example:
+  vamvs reconstruct --colmap sparse/0 --images images --quality best --views 9 --out garden
+  vamvs pseudo garden house --out real
+  vamvs train --data set real --validation hold-out --network start.pt --out run";
 
 impl Command {
     /// What to do after the command was interrupted.

@@ -22,6 +22,14 @@ pub struct ConsistentPixels {
     pub(crate) bits: BitGrid,
 }
 
+impl ConsistentPixels {
+    /// Whether the pixel in column `x` and row `y` is kept.
+    #[must_use]
+    pub fn contains(&self, x: usize, y: usize) -> bool {
+        self.bits.get(x, y)
+    }
+}
+
 /// The counts of the first pass for a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Counts {

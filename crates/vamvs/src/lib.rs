@@ -32,6 +32,7 @@ pub mod output;
 pub mod photographs;
 pub mod plan;
 mod prepared;
+pub mod pseudo;
 mod quality;
 mod reconstruction;
 pub mod refine;

@@ -7,6 +7,7 @@ mod eval;
 mod fuse;
 mod info;
 mod manual;
+mod pseudo;
 mod reconstruct;
 mod refine;
 mod report;
@@ -29,6 +30,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Refine(arguments) => refine::run(arguments),
         Command::Fuse(arguments) => fuse::run(arguments),
         Command::Synth(arguments) => synth::run(arguments),
+        Command::Pseudo(arguments) => pseudo::run(arguments),
         #[cfg(feature = "net")]
         Command::Train(arguments) => train::run(arguments),
         #[cfg(feature = "net")]

@@ -14,6 +14,7 @@ mod exchange;
 mod fovea;
 mod fuse;
 mod info;
+mod pseudo;
 mod refine;
 mod report;
 #[cfg(feature = "net")]
