@@ -107,7 +107,8 @@ fn errors(pairs: &[([f64; 3], [f64; 3])]) -> Vec<f64> {
             fit(kept.map(|((cloud, photo), _)| (cloud[c], photo[c])))
         });
         for (error, (cloud, photo)) in errors.iter_mut().zip(pairs) {
-            *error = (0..3).map(|c| (fitted[c].0 * cloud[c] + fitted[c].1 - photo[c]).abs()).sum::<f64>() / 3.0;
+            *error =
+                (0..3).map(|c| (fitted[c].0 * cloud[c] + fitted[c].1 - photo[c]).abs()).sum::<f64>() / 3.0;
         }
         let mut sorted = errors.clone();
         sorted.sort_by(f64::total_cmp);
@@ -143,13 +144,22 @@ mod tests {
         let size = Size::new(32, 24);
         let photo = Grid::from_fn(size, |x, y| [(60 + 4 * x) as u8, (50 + 5 * y) as u8, 90]);
         let intrinsics = Intrinsics { fx: 30.0, fy: 30.0, cx: 16.0, cy: 12.0 };
-        Shot { name: String::new(), camera: Pinhole { size, intrinsics }, cam_from_world: Pose::identity(), photo }
+        Shot {
+            name: String::new(),
+            camera: Pinhole { size, intrinsics },
+            cam_from_world: Pose::identity(),
+            photo,
+        }
     }
 
     /// A point for each pixel of the columns, at a depth, darker than the photograph.
     fn plane(shot: &Shot, columns: std::ops::Range<usize>, depth: f64) -> Vec<CloudPoint> {
         let point = |(x, y): (usize, usize)| CloudPoint {
-            x_in_world: [(x as f64 + 0.5 - 16.0) / 30.0 * depth, (y as f64 + 0.5 - 12.0) / 30.0 * depth, depth],
+            x_in_world: [
+                (x as f64 + 0.5 - 16.0) / 30.0 * depth,
+                (y as f64 + 0.5 - 12.0) / 30.0 * depth,
+                depth,
+            ],
             normal: [0.0, 0.0, -1.0],
             colour: shot.photo[(x, y)].map(|value| (value as f32 * 0.7).round() as u8),
             confidence: 1.0,

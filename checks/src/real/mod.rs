@@ -121,7 +121,12 @@ impl Real {
             if let Some(count) = count {
                 flags.extend(["--views".into(), count.to_string().into()]);
             }
-            let run = Run { scene, input: &input, flags, folder: folder.join(label.replace(", ", "-").replace(' ', "-")) };
+            let run = Run {
+                scene,
+                input: &input,
+                flags,
+                folder: folder.join(label.replace(", ", "-").replace(' ', "-")),
+            };
             let (mut row, views) = run.whole(&label)?;
             row.held_back = Explained::mean(&run.without_each(&views, self.held_back)?);
             rows.push(row);
@@ -359,7 +364,8 @@ fn beside(shot: &Shot, cloud: &[CloudPoint], side: f64) -> Viewpoint {
     depths.sort_by(f64::total_cmp);
     let distance = depths.get(depths.len() / 2).copied().unwrap_or(1.0);
     let world_from_cam = shot.cam_from_world.inverse();
-    let eye = world_from_cam.transform(&Vector3::new(side * ASIDE * distance, -0.15 * distance, -0.1 * distance));
+    let eye =
+        world_from_cam.transform(&Vector3::new(side * ASIDE * distance, -0.15 * distance, -0.1 * distance));
     let target = world_from_cam.transform(&Vector3::new(0.0, 0.0, distance));
     let up = world_from_cam.rotation * -Vector3::y();
     let Size { width, height } = shot.camera.size;

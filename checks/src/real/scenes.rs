@@ -121,8 +121,7 @@ const KNOWN: [(&str, Known); 32] = [
 pub fn find(folder: &Path, wanted: &[String]) -> Result<Vec<RealScene>> {
     let entries =
         std::fs::read_dir(folder).with_context(|| format!("{} cannot be read", folder.display()))?;
-    let mut scenes: Vec<RealScene> =
-        entries.flatten().filter_map(|entry| scene(&entry.path())).collect();
+    let mut scenes: Vec<RealScene> = entries.flatten().filter_map(|entry| scene(&entry.path())).collect();
     scenes.sort_by(|a, b| a.name.cmp(&b.name));
     let names: Vec<&str> = scenes.iter().map(|scene| scene.name.as_str()).collect();
     ensure!(
@@ -131,7 +130,11 @@ pub fn find(folder: &Path, wanted: &[String]) -> Result<Vec<RealScene>> {
         folder.display()
     );
     for name in wanted {
-        ensure!(names.contains(&name.as_str()), "there is no scene {name}: expected one of {}", names.join(", "));
+        ensure!(
+            names.contains(&name.as_str()),
+            "there is no scene {name}: expected one of {}",
+            names.join(", ")
+        );
     }
     scenes.retain(|scene| wanted.is_empty() || wanted.contains(&scene.name));
     Ok(scenes)
@@ -147,9 +150,8 @@ fn scene(folder: &Path) -> Option<RealScene> {
 fn layout(folder: &Path) -> Option<SceneLayout> {
     let is_dir = |name: &str| folder.join(name).is_dir();
     if is_dir("images") {
-        let is_model = |model: &PathBuf| {
-            ["cameras.bin", "cameras.txt"].iter().any(|file| model.join(file).is_file())
-        };
+        let is_model =
+            |model: &PathBuf| ["cameras.bin", "cameras.txt"].iter().any(|file| model.join(file).is_file());
         let models = ["sparse/0", "sparse"].map(|model| folder.join(model));
         if let Some(model) = models.into_iter().find(is_model) {
             return Some(SceneLayout::Colmap(model));

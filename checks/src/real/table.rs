@@ -76,7 +76,9 @@ impl Row {
             format!("{} | {error:.2} | {}", percent(covered), percent(right))
         });
         let seconds = self.seconds.map_or(String::new(), |seconds| format!("{seconds:.1}"));
-        let peak = self.peak_bytes.map_or(String::new(), |peak| format!("{:.2}", peak as f64 / 1_f64.exp2().powi(30)));
+        let peak = self
+            .peak_bytes
+            .map_or(String::new(), |peak| format!("{:.2}", peak as f64 / 1_f64.exp2().powi(30)));
         format!("| {scene} | {label} | {points} | {sky} | {held} | {seconds} | {peak} |")
     }
 

@@ -166,12 +166,14 @@ mod tests {
         let map = Grid::from_fn(size, half);
         pfm::write(&folder.path().join("depths/v.pfm"), &map).unwrap();
         let thresholds = [0.001, 0.002, 0.005, 0.0101, 0.02];
-        let point = |depth: f64| move |place: [f64; 3]| CloudPoint {
-            x_in_world: place.map(|side| side * depth / 4.0),
-            normal: [0.0, 0.0, -1.0],
-            colour: [0; 3],
-            confidence: 1.0,
-            views: 2,
+        let point = |depth: f64| {
+            move |place: [f64; 3]| CloudPoint {
+                x_in_world: place.map(|side| side * depth / 4.0),
+                normal: [0.0, 0.0, -1.0],
+                colour: [0; 3],
+                confidence: 1.0,
+                views: 2,
+            }
         };
         let places = surface(&truth);
         let mut cloud: Vec<CloudPoint> = places.iter().take(600).copied().map(point(4.0)).collect();

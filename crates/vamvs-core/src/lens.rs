@@ -11,8 +11,9 @@ use serde::{Deserialize, Serialize};
 
 /// A lens, which distorts normalised image coordinates (x/z, y/z).
 ///
-/// The two distorting variants cover COLMAP's SIMPLE_RADIAL, RADIAL, OPENCV and FULL_OPENCV
-/// (all special cases of [`Lens::Rational`]) and OPENCV_FISHEYE ([`Lens::Fisheye`]).
+/// The distorting variants cover COLMAP's SIMPLE_RADIAL, RADIAL, OPENCV and FULL_OPENCV (all special cases of [`Lens::Rational`]),
+/// SIMPLE_FISHEYE, FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and OPENCV_FISHEYE ([`Lens::Fisheye`]), SIMPLE_DIVISION and DIVISION
+/// ([`Lens::Division`]), and EUCM ([`Lens::Eucm`]).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Lens {
     /// No distortion.
@@ -29,6 +30,18 @@ pub enum Lens {
     Fisheye {
         /// k₁ … k₄.
         k: [f64; 4],
+    },
+    /// The division model (Fitzgibbon, CVPR 2001): a point at the distorted radius r is undistorted by the factor 1 / (1 + k r²).
+    Division {
+        /// k.
+        k: f64,
+    },
+    /// The enhanced unified camera model (Khomutenko et al., RA-L 2016): x / (α ρ + 1 − α) with ρ² = β r² + 1.
+    Eucm {
+        /// α, from 0 to 1; 0 is no distortion.
+        alpha: f64,
+        /// β, greater than 0.
+        beta: f64,
     },
 }
 
@@ -47,6 +60,8 @@ impl Lens {
             Self::None => false,
             Self::Rational { k, p } => k.iter().chain(p).any(|&v| v != 0.0),
             Self::Fisheye { .. } => true,
+            Self::Division { k } => *k != 0.0,
+            Self::Eucm { alpha, .. } => *alpha != 0.0,
         }
     }
 
@@ -139,6 +154,12 @@ impl Lens {
                     && is_positive_up_to(&radial_slope(&numerator, &denominator), s)
             }
             Self::Fisheye { k } => is_positive_up_to(&angle_slope(k), s.sqrt().atan().powi(2)),
+            Self::Division { k } => 1.0 - 4.0 * k * s > 0.0,
+            // The slope of the distorted radius has the sign of α + (1 − α) ρ.
+            Self::Eucm { alpha, beta } => {
+                let rho = (beta * s + 1.0).sqrt();
+                rho.is_finite() && alpha + (1.0 - alpha) * rho > 0.0
+            }
         }
     }
 
@@ -148,6 +169,15 @@ impl Lens {
             Self::None => Some((*x, Matrix2::identity())),
             Self::Rational { k, p } => distort_rational(k, p, x),
             Self::Fisheye { k } => distort_fisheye(k, x),
+            Self::Division { k } => {
+                let root = (1.0 - 4.0 * k * x.norm_squared()).sqrt();
+                Some(radial(x, 2.0 / (1.0 + root), 4.0 * k / (root * (1.0 + root).powi(2))))
+            }
+            Self::Eucm { alpha, beta } => {
+                let rho = (beta * x.norm_squared() + 1.0).sqrt();
+                let factor = 1.0 / (alpha * rho + 1.0 - alpha);
+                Some(radial(x, factor, -0.5 * factor * factor * alpha * beta / rho))
+            }
         }
     }
 }
@@ -193,7 +223,12 @@ fn distort_fisheye(k: &[f64; 4], x: &Vector2<f64>) -> Option<Distorted> {
     let factor = theta * polynomial / r;
     // The factor's derivative with respect to r², from that of the distorted angle with respect to r.
     let factor_slope = (dtheta_distorted / (1.0 + r * r) - factor) / (2.0 * r * r);
-    Some((x * factor, radial_jacobian(x, factor, factor_slope)))
+    Some(radial(x, factor, factor_slope))
+}
+
+/// `x · f(|x|²)` with its Jacobian, from f (`factor`) and its derivative f′ (`slope`) at |x|².
+fn radial(x: &Vector2<f64>, factor: f64, slope: f64) -> Distorted {
+    (x * factor, radial_jacobian(x, factor, slope))
 }
 
 /// The Jacobian of `x · f(|x|²)`, from f (`factor`) and its derivative f′ (`slope`) at |x|².
@@ -265,7 +300,7 @@ mod tests {
 
     const POINTS: [[f64; 2]; 3] = [[0.3, -0.2], [-0.55, 0.4], [0.0, 0.7]];
 
-    fn radial(k: [f64; 6]) -> Lens {
+    fn of_radius(k: [f64; 6]) -> Lens {
         Lens::Rational { k, p: [0.0; 2] }
     }
 
@@ -278,6 +313,39 @@ mod tests {
             );
             assert!((lens.undistort(&distorted).unwrap() - Vector2::from(x)).norm() < 1e-12);
         }
+    }
+
+    #[test]
+    fn the_division_model_undoes_itself_by_its_definition() {
+        for k in [-0.3, -0.05, 0.04, 0.15] {
+            let lens = Lens::Division { k };
+            for x in POINTS.map(Vector2::from) {
+                let bent = lens.distort(&x).unwrap();
+                assert!((bent / (1.0 + k * bent.norm_squared()) - x).norm() < 1e-14, "k {k}");
+                assert!((lens.undistort(&bent).unwrap() - x).norm() < 1e-12, "k {k}");
+            }
+        }
+        // With k > 0 no distorted radius is larger than 1/√k, at the undistorted radius 1/(2 √k).
+        assert_eq!(Lens::Division { k: 0.25 }.distort(&Vector2::new(1.01, 0.0)), None);
+        assert!(Lens::Division { k: 0.25 }.distort(&Vector2::new(0.99, 0.0)).is_some());
+    }
+
+    #[test]
+    fn the_unified_model_bends_as_its_formula_says_and_its_jacobian_is_its_slope() {
+        let lens = Lens::Eucm { alpha: 0.6, beta: 1.1 };
+        for x in POINTS.map(Vector2::from) {
+            let rho = (1.1 * x.norm_squared() + 1.0).sqrt();
+            let (bent, jacobian) = lens.distort_with_jacobian(&x).unwrap();
+            assert!((bent - x / (0.6 * rho + 0.4)).norm() < 1e-15);
+            assert!((lens.undistort(&bent).unwrap() - x).norm() < 1e-12);
+            let step = 1e-6;
+            for (axis, way) in [Vector2::x(), Vector2::y()].into_iter().enumerate() {
+                let at = |sign: f64| lens.distort(&(x + way * (sign * step))).unwrap();
+                let slope = (at(1.0) - at(-1.0)) / (2.0 * step);
+                assert!((slope - jacobian.column(axis)).norm() < 1e-8);
+            }
+        }
+        assert!(!Lens::Eucm { alpha: 0.0, beta: 1.0 }.distorts());
     }
 
     // Expected values of the next three tests: OpenCV 5.0, projectPoints and fisheye.projectPoints.
@@ -317,7 +385,7 @@ mod tests {
     #[test]
     fn a_lens_ends_where_it_folds_over() {
         // d(r − 0.3 r³)/dr = 0 at r = 1.0541, where the distorted radius is 0.7027.
-        let barrel = radial([-0.3, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let barrel = of_radius([-0.3, 0.0, 0.0, 0.0, 0.0, 0.0]);
         assert!(barrel.distort(&Vector2::new(1.054, 0.0)).is_some());
         assert!(barrel.distort(&Vector2::new(0.0, -1.055)).is_none());
         assert!(barrel.distort(&Vector2::new(5.0, 5.0)).is_none());
@@ -328,7 +396,7 @@ mod tests {
     #[test]
     fn the_branch_behind_a_fold_is_not_the_lens() {
         // The distorted radius decreases for r² from 1/2 to 1 and increases again beyond.
-        let folding = radial([-1.0, 0.4, 0.0, 0.0, 0.0, 0.0]);
+        let folding = of_radius([-1.0, 0.4, 0.0, 0.0, 0.0, 0.0]);
         assert!(folding.distort(&Vector2::new(0.7, 0.0)).is_some());
         assert!(folding.distort(&Vector2::new(0.8, 0.0)).is_none());
         assert!(folding.distort(&Vector2::new(2.0, 0.0)).is_none());
@@ -337,7 +405,7 @@ mod tests {
 
     #[test]
     fn a_lens_ends_at_a_pole() {
-        let pole = radial([0.0, 0.0, 0.0, -1.0, 0.0, 0.0]);
+        let pole = of_radius([0.0, 0.0, 0.0, -1.0, 0.0, 0.0]);
         assert!(pole.distort(&Vector2::new(0.99, 0.0)).is_some());
         assert!(pole.distort(&Vector2::new(1.01, 0.0)).is_none());
     }
@@ -353,7 +421,7 @@ mod tests {
 
     #[test]
     fn what_is_not_a_number_is_nowhere() {
-        for lens in [radial([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), Lens::Fisheye { k: [0.1; 4] }] {
+        for lens in [of_radius([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), Lens::Fisheye { k: [0.1; 4] }] {
             for x in [[f64::NAN, 0.0], [f64::INFINITY, 0.0]].map(Vector2::from) {
                 assert_eq!(lens.undistort(&x), None);
                 assert!(lens.distort(&x).is_none_or(|distorted| distorted.iter().all(|v| v.is_finite())));
@@ -363,7 +431,7 @@ mod tests {
 
     fn any_radial_lens() -> impl Strategy<Value = Lens> {
         prop_oneof![
-            proptest::array::uniform6(-0.4..0.4).prop_map(radial),
+            proptest::array::uniform6(-0.4..0.4).prop_map(of_radius),
             proptest::array::uniform4(-0.1..0.1).prop_map(|k| Lens::Fisheye { k })
         ]
     }

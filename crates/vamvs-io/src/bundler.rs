@@ -25,7 +25,7 @@ use crate::{IoError, Loaded, Place};
 ///
 /// # Errors
 /// If a file cannot be read or is malformed, there is no list of images or it has another length than the
-/// list of cameras, or photographs are missing.
+/// list of cameras, or half of the photographs are missing.
 pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let list = list_of(bundle)?;
     let named = read_list(&list)?;
@@ -38,7 +38,7 @@ pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoErro
         return Err(IoError::malformed(bundle, Place::Whole, problem));
     }
     let names: Vec<String> = kept.iter().map(|(name, _)| name.clone()).collect();
-    let Located { folder, names } = locate(&list, &names, images)?;
+    let Located { folder, names, mut warnings } = locate(&list, &names, images)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let sizes = stored_sizes(&folder, &names)?;
     let views = kept.iter().zip(names.into_iter().zip(sizes));
@@ -46,7 +46,7 @@ pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoErro
     let left_out = place.iter().filter(|place| place.is_none()).count();
     let warning = format!("{left_out} of {} cameras were not registered and are left out", place.len());
     let points = points.iter().map(|point| renumbered(point, &place)).collect();
-    let warnings = if left_out > 0 { vec![warning] } else { Vec::new() };
+    warnings.extend((left_out > 0).then_some(warning));
     Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
 }
 
@@ -93,6 +93,7 @@ fn list_of(bundle: &Path) -> Result<PathBuf, IoError> {
 /// The image names of a list. A name may be followed by `0 FOCAL`, as Bundler writes it.
 fn read_list(path: &Path) -> Result<Vec<String>, IoError> {
     let text = fs::read_to_string(path).map_err(IoError::system("read", path))?;
+    let text = text.trim_start_matches('\u{feff}');
     let name = |line: &str| {
         let mut parts = line.rsplitn(3, char::is_whitespace);
         let mut number = || parts.next().is_some_and(|part| part.parse::<f64>().is_ok());

@@ -76,7 +76,7 @@ pub enum IoError {
     /// Photographs that the scene's files name are not in the image folder.
     #[error(
         "{count} of the scene's images missing in {}: {}{}",
-        folder.display(), first.join(", "), if *count > first.len() { ", …" } else { "" }
+        folder.display(), first.iter().map(|name| crate::names::shown(name)).collect::<Vec<_>>().join(", "), if *count > first.len() { ", …" } else { "" }
     )]
     MissingImages {
         /// The image folder.

@@ -5,7 +5,7 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Component, Path};
 
-use crate::IoError;
+use crate::{IoError, names};
 
 /// Extensions of the formats that [`crate::image`] decodes, in lower case.
 pub(crate) const EXTENSIONS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
@@ -46,10 +46,20 @@ fn is_image(path: &Path) -> bool {
 pub(crate) fn warn_of_missing(folder: &Path, names: &[&str]) -> Result<Option<String>, IoError> {
     fs::metadata(folder).map_err(IoError::system("open the folder of photographs", folder))?;
     let missing: Vec<&str> = names.iter().copied().filter(|name| !folder.join(name).is_file()).collect();
+    warn_of_those_missing(folder, &missing, names.len())
+}
+
+/// A warning that of `all` images those called `missing` are not in `folder`; fails if these are half of all.
+pub(crate) fn warn_of_those_missing(
+    folder: &Path,
+    missing: &[&str],
+    all: usize,
+) -> Result<Option<String>, IoError> {
     let Some(first) = missing.first() else { return Ok(None) };
-    if 2 * missing.len() >= names.len() {
-        missing_images(folder, &missing)?;
+    if 2 * missing.len() >= all {
+        missing_images(folder, missing)?;
     }
+    let first = names::shown(first);
     let text = format!(
         "{} of the scene's images are missing, and their views are left out ({first} …)",
         missing.len()
@@ -58,7 +68,7 @@ pub(crate) fn warn_of_missing(folder: &Path, names: &[&str]) -> Result<Option<St
 }
 
 /// Fails if there are `missing` images; the error names the first few of them.
-pub(crate) fn missing_images(folder: &Path, missing: &[&str]) -> Result<(), IoError> {
+fn missing_images(folder: &Path, missing: &[&str]) -> Result<(), IoError> {
     if missing.is_empty() {
         return Ok(());
     }

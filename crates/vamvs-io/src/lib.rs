@@ -20,6 +20,7 @@ mod locate;
 pub mod masks;
 pub mod mat;
 pub mod mvsnet;
+mod names;
 pub mod nerfstudio;
 mod npy;
 pub mod nvm;
@@ -31,6 +32,7 @@ mod point_line;
 mod sizes;
 mod text;
 pub mod tnt;
+mod trackless;
 pub mod visibility;
 
 pub use error::{IoError, Place};

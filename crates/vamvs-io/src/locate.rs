@@ -5,7 +5,7 @@ use std::path::{Component, Path, PathBuf};
 
 use vamvs_core::{Scene, SparsePoint, View};
 
-use crate::{IoError, Place, folder};
+use crate::{IoError, Place, folder, names};
 
 /// Photographs that were found.
 #[derive(Debug)]
@@ -14,31 +14,62 @@ pub(crate) struct Located {
     pub(crate) folder: PathBuf,
     /// The path of each photograph relative to the folder, with `/` between folders.
     pub(crate) names: Vec<String>,
+    /// Warnings about photographs that are missing or have nearly the wanted names.
+    pub(crate) warnings: Vec<String>,
 }
 
 /// Finds the photographs that the scene file `file` names, with or without their extension.
 ///
 /// If `images` is given, each photograph is looked up there, first under its whole path, then under its file
-/// name alone. Without `images`, the paths are relative to the scene file's folder. Fails if a photograph is
-/// missing or named twice.
+/// name alone. Without `images`, the paths are relative to the scene file's folder. If none is there, the only one of nearly the
+/// same name is taken, with a warning. A photograph that is missing all the same keeps its name, with a warning; its view is left out
+/// later. Fails if half of them are missing, or one is named twice.
 pub(crate) fn locate(file: &Path, named: &[String], images: Option<&Path>) -> Result<Located, IoError> {
     let beside = file.parent().unwrap_or(Path::new(""));
     let find = |name: &String| match images {
         Some(images) => find_inside(images, name),
         None => with_extension(beside.join(slashes(name))),
     };
-    let found: Vec<Option<PathBuf>> = named.iter().map(find).collect();
+    let mut found: Vec<Option<PathBuf>> = named.iter().map(find).collect();
+    let mut renamed = Vec::new();
+    for (name, path) in named.iter().zip(&mut found).filter(|(_, path)| path.is_none()) {
+        let inside = images.map_or_else(|| parent(&beside.join(slashes(name))), Path::to_owned);
+        *path = near(&inside, name, images.is_some())?;
+        renamed.extend(path.as_ref().map(|path| (name.clone(), path.display().to_string())));
+    }
     let missing = named.iter().zip(&found).filter(|(_, path)| path.is_none());
     let missing: Vec<&str> = missing.map(|(name, _)| name.as_str()).collect();
-    folder::missing_images(images.unwrap_or(beside), &missing)?;
-    let paths: Vec<PathBuf> = found.into_iter().flatten().map(|path| normalised(&path)).collect();
+    let mut warnings: Vec<String> =
+        folder::warn_of_those_missing(images.unwrap_or(beside), &missing, named.len())?.into_iter().collect();
+    warnings.extend(names::warn_of_renamed(images.unwrap_or(beside), &renamed));
+    let paths: Vec<Option<PathBuf>> =
+        found.into_iter().map(|path| path.map(|path| normalised(&path))).collect();
     let common = match images {
         Some(images) => normalised(images),
-        None => common_folder(&paths),
+        None => common_folder(paths.iter().flatten()),
     };
-    let names: Vec<String> = paths.iter().filter_map(|path| name_in(&common, path)).collect();
+    let name = |(path, named): (&Option<PathBuf>, &String)| match path {
+        Some(path) => name_in(&common, path),
+        None => Some(slashes(named).rsplit('/').next().unwrap_or_default().to_owned()),
+    };
+    let names: Vec<String> = paths.iter().zip(named).filter_map(name).collect();
     check(file, named, &names)?;
-    Ok(Located { folder: common, names })
+    Ok(Located { folder: common, names, warnings })
+}
+
+fn parent(path: &Path) -> PathBuf {
+    path.parent().unwrap_or(Path::new("")).to_owned()
+}
+
+/// The only file in `folder` that `name` nearly names; without `below` only the last part of the name counts.
+fn near(folder: &Path, name: &str, below: bool) -> Result<Option<PathBuf>, IoError> {
+    if !folder.is_dir() {
+        return Ok(None);
+    }
+    let name = slashes(name);
+    let name = if below { name.as_str() } else { name.rsplit('/').next().unwrap_or_default() };
+    let found = folder::images(folder)?;
+    Ok(names::near(&found, name).map(|found| folder.join(found)))
 }
 
 /// The scene of `views` and `points`, with the views sorted by name and numbered in that order.
@@ -103,8 +134,8 @@ fn normalised(path: &Path) -> PathBuf {
 }
 
 /// The deepest folder that contains all files.
-fn common_folder(files: &[PathBuf]) -> PathBuf {
-    let mut folders = files.iter().filter_map(|file| file.parent());
+fn common_folder<'a>(files: impl Iterator<Item = &'a PathBuf>) -> PathBuf {
+    let mut folders = files.filter_map(|file| file.parent());
     let Some(first) = folders.next() else { return PathBuf::new() };
     let shared = |a: &Path, b: &Path| a.components().zip(b.components()).take_while(|(a, b)| a == b).count();
     let depth = folders.map(|folder| shared(first, folder)).min();
@@ -180,6 +211,19 @@ mod tests {
         let error =
             |named: &[&str]| locate(&scene.path().join("list"), &owned(named), None).unwrap_err().to_string();
         assert!(error(&["1.jpg", "9.jpg"]).contains("9.jpg"));
+        let scene = folder_of(&["1.jpg", "2.jpg", "P\u{200b}3.JPG", "list"]);
+        let found =
+            locate(&scene.path().join("list"), &owned(&["1.jpg", "2.jpg", "a/9.jpg", "p3.jpg"]), None)
+                .unwrap();
+        assert_eq!(found.names, ["1.jpg", "2.jpg", "9.jpg", "P\u{200b}3.JPG"]);
+        let said = found.warnings.join("; ");
+        assert!(
+            said.contains("a/9.jpg") && said.contains("p3.jpg is ") && said.contains("u{200b}3.JPG"),
+            "{said}"
+        );
+        let scene = folder_of(&["1.jpg", "list"]);
+        let error =
+            |named: &[&str]| locate(&scene.path().join("list"), &owned(named), None).unwrap_err().to_string();
         assert!(error(&["1.jpg", "./1"]).contains("named twice"));
     }
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use vamvs_core::{Grid, Size};
 
+use crate::folder::EXTENSIONS;
 use crate::{IoError, image};
 
 /// Where the masks of a scene's photographs are.
@@ -42,17 +43,24 @@ impl Masks {
 }
 
 /// The mask file in `folder` of the photograph `name`, if there is one: the first that exists of
-/// `NAME.EXT.png` (COLMAP's naming), `NAME.png` and, for a photograph in a subfolder, `NAME.png` without the
-/// subfolder.
+/// `NAME.EXT.png` (COLMAP's naming), `NAME.png`, `NAME_mask.png` and `NAME.mask.png`, also as JPEG, TIFF, BMP or WebP and in upper case; and, for a
+/// photograph in a subfolder, the same without the subfolder.
 #[must_use]
 pub fn find(folder: &Path, name: &str) -> Option<PathBuf> {
-    let without_extension = Path::new(name).with_extension("png");
-    let candidates = [
-        folder.join(format!("{name}.png")),
-        folder.join(&without_extension),
-        folder.join(without_extension.file_name()?),
-    ];
-    candidates.into_iter().find(|path| path.is_file())
+    let stem = Path::new(name).with_extension("");
+    let (stem, last) = (stem.to_str()?, stem.file_name()?.to_str()?);
+    let stems = [name, stem, last].into_iter().map(str::to_owned);
+    let marked = [stem, last].into_iter().flat_map(|stem| [format!("{stem}_mask"), format!("{stem}.mask")]);
+    let with_extension = |stem: &str, extension: &str| folder.join(format!("{stem}.{extension}"));
+    let all: Vec<String> = stems.chain(marked).collect();
+    // Masks are PNGs nearly always, and the folder may be on a slow disk.
+    let kinds = ["png", "PNG"].into_iter().map(str::to_owned);
+    let others = EXTENSIONS.iter().filter(|extension| **extension != "png");
+    let kinds = kinds.chain(others.flat_map(|extension| [(*extension).to_owned(), extension.to_uppercase()]));
+    kinds
+        .flat_map(|extension| all.iter().map(move |stem| (stem, extension.clone())))
+        .map(|(stem, extension)| with_extension(stem, &extension))
+        .find(|path| path.is_file())
 }
 
 /// Loads the mask of a photograph of `size`; `true` where pixels are used.
@@ -98,6 +106,19 @@ mod tests {
             let path = grey(folder, name, &one);
             assert_eq!(find(folder, "left/a b.jpg"), Some(path));
         }
+    }
+
+    #[test]
+    fn usual_names_of_masks_are_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for name in ["v0.jpg", "v1_mask.png", "v2.mask.png", "v3.PNG", "v4_mask.TIFF"] {
+            crate::atomic::write(&path(name), |_| Ok(())).unwrap();
+            let view = format!("{}.png", &name[..2]);
+            assert_eq!(find(folder.path(), &view), Some(path(name)), "{view}");
+            assert_eq!(find(folder.path(), &format!("left/{view}")), Some(path(name)), "{view}");
+        }
+        assert_eq!(find(folder.path(), "v5.png"), None);
     }
 
     #[test]

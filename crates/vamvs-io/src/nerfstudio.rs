@@ -11,52 +11,47 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Vector3};
 use serde_json::{Map, Value};
-use vamvs_core::{Camera, Intrinsics, Lens, Pose, Scene, Size, SparsePoint, View};
+use vamvs_core::{Camera, Intrinsics, Lens, Pose, Size, View};
 
 use crate::locate::{Located, locate, sorted_by_name};
 use crate::masks::Masks;
 use crate::sizes::sizes;
 use crate::text::BYTE_ORDER_MARK;
-use crate::{IoError, Loaded, Place, occlusion, ply};
+use crate::trackless::give_points;
+use crate::{IoError, Loaded, Place, ply};
 
 /// Longest accepted side of an image, in pixels.
 const LONGEST_SIDE: f64 = (1 << 20) as f64;
 
-/// Limit of the sparse points that are kept; the file that is read may be a laser scan.
-const MOST_POINTS: usize = 20_000;
-
 /// Reads the scene of `transforms`, the file or the folder of a `transforms.json`.
 ///
 /// Masks are looked up relative to the file, and so are photographs unless `images` is given; then they are
-/// looked up there. The points of `ply_file_path` are stored without the views that saw them. A point counts
-/// as seen by each view in whose image it lies and in which no other point occludes it. (A point occludes it
-/// if it lies in the same or a neighbouring cell of 1/64 of the image's longer side, at less than nine tenths
-/// of its depth.) At most 20 000 points are kept, at regular steps through the file.
+/// looked up there. The points of `ply_file_path` are stored without the views that saw them: a point counts as seen
+/// by each view in whose image it lies and in which no other point occludes it. At most 20 000 points are kept.
+/// A pose with a uniform scale is normalised, with a warning.
 ///
 /// # Errors
 /// If the file cannot be read, a field is missing or of the wrong type, a camera model is not supported,
-/// a pose is not a rigid transform, or photographs or masks are missing.
+/// a pose is not a rigid transform, half of the photographs are missing, or a mask is missing.
 pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let path = if transforms.is_dir() { transforms.join("transforms.json") } else { transforms.to_owned() };
     let shared = read_object(&path)?;
     let frames = frames(&path, &shared)?;
     let named: Vec<String> = frames.iter().map(Fields::file_path).collect::<Result<_, _>>()?;
-    let Located { folder, names } = locate(&path, &named, images)?;
+    let Located { folder, names, mut warnings } = locate(&path, &named, images)?;
     let stated: Vec<Option<Size>> = frames.iter().map(stated_size).collect::<Result<_, _>>()?;
     let sizes = sizes(&folder, &names.iter().map(String::as_str).collect::<Vec<_>>(), &stated)?;
     let views =
         frames.iter().zip(names.iter().zip(sizes)).map(|(frame, (name, size))| view(frame, name, size));
-    let views: Vec<View> = views.collect::<Result<_, _>>()?;
+    let (views, scales): (Vec<View>, Vec<f64>) = views.collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
+    warnings.extend(warn_of_scales(&path, &scales));
     let masks = masks(&path, &frames, &names)?;
     let mut scene = sorted_by_name(views, Vec::new());
-    let mut warnings = Vec::new();
     if let Some(file) = sparse_file(&path, &shared) {
         let file_name = file.display();
         warnings.push(if file.is_file() {
-            scene.points = sparse_points(&file, &scene)?;
-            format!(
-                "{file_name}: it does not say which views see its points; each counts as seen where no other point occludes it"
-            )
+            let points: Vec<_> = ply::read_positions(&file)?.into_iter().map(Vector3::from).collect();
+            give_points(&mut scene, &points, &file)
         } else {
             format!("ply_file_path: {file_name} is not a file, so there are no sparse points")
         });
@@ -130,9 +125,21 @@ fn frames<'a>(path: &'a Path, shared: &'a Map<String, Value>) -> Result<Vec<Fiel
     list.iter().enumerate().map(fields).collect()
 }
 
-fn view(frame: &Fields, name: &str, size: Size) -> Result<View, IoError> {
+/// A view, and the scale of its pose's matrix, by which that was divided.
+fn view(frame: &Fields, name: &str, size: Size) -> Result<(View, f64), IoError> {
     let camera = Camera { size, intrinsics: intrinsics(frame, size)?, lens: lens(frame)? };
-    Ok(View { id: 0, name: name.to_owned(), camera, cam_from_world: pose(frame)?, depth_range: None })
+    let (cam_from_world, scale) = pose(frame)?;
+    Ok((View { id: 0, name: name.to_owned(), camera, cam_from_world, depth_range: None }, scale))
+}
+
+/// A warning that matrices had a scale, if one had.
+fn warn_of_scales(path: &Path, scales: &[f64]) -> Option<String> {
+    let first = scales.iter().find(|scale| **scale != 1.0)?;
+    let count = scales.iter().filter(|scale| **scale != 1.0).count();
+    Some(format!(
+        "{}: the transform_matrix of {count} frames has a uniform scale ({first:.4}), which was taken out of the rotation; positions stay as they are",
+        path.display()
+    ))
 }
 
 fn stated_size(frame: &Fields) -> Result<Option<Size>, IoError> {
@@ -185,16 +192,26 @@ fn lens(frame: &Fields) -> Result<Lens, IoError> {
     Ok(if lens.distorts() { lens } else { Lens::None })
 }
 
-/// The pose, camera from world. OpenGL's camera looks along −z with y up, ours along +z with y down.
-fn pose(frame: &Fields) -> Result<Pose, IoError> {
+/// The pose, camera from world, and the uniform scale that its rotation had, 1 if none. OpenGL's camera looks along −z with y
+/// up, ours along +z with y down.
+fn pose(frame: &Fields) -> Result<(Pose, f64), IoError> {
     let problem = |problem: &str| frame.malformed(&format!("transform_matrix: {problem}"));
     let value = frame.own.get("transform_matrix");
     let rows = value.and_then(matrix_rows).ok_or_else(|| problem("expected 3 or 4 rows of 4 numbers"))?;
     let world_from_gl = Matrix3::from_fn(|row, column| rows[row][column]);
     let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
     let centre = Vector3::from_fn(|row, _| rows[row][3]);
-    let world_from_cam = Pose::try_new(world_from_gl * flip, centre);
-    Ok(world_from_cam.map_err(|error| problem(&error.to_string()))?.inverse())
+    let determinant = world_from_gl.determinant();
+    if determinant < 0.0 {
+        return Err(problem(&format!(
+            "a mirror image, not a rotation (determinant {determinant:.6}): its axes are left-handed; export with right-handed ones"
+        )));
+    }
+    // Rounding is no scale.
+    let scale = Some(determinant.cbrt()).filter(|scale| scale.is_normal() && (scale - 1.0).abs() > 1e-3);
+    let scale = scale.unwrap_or(1.0);
+    let world_from_cam = Pose::try_new(world_from_gl / scale * flip, centre);
+    Ok((world_from_cam.map_err(|error| problem(&error.to_string()))?.inverse(), scale))
 }
 
 /// The first three rows of a 3×4 or 4×4 matrix.
@@ -228,13 +245,4 @@ fn masks(path: &Path, frames: &[Fields], names: &[String]) -> Result<Masks, IoEr
 fn sparse_file(path: &Path, shared: &Map<String, Value>) -> Option<PathBuf> {
     let named = shared.get("ply_file_path").and_then(Value::as_str)?;
     Some(path.parent().unwrap_or(Path::new("")).join(named.replace('\\', "/")))
-}
-
-/// The points of a file that at least one view sees.
-fn sparse_points(file: &Path, scene: &Scene) -> Result<Vec<SparsePoint>, IoError> {
-    let cloud = ply::read(file)?;
-    let step = cloud.len().div_ceil(MOST_POINTS).max(1);
-    let points = cloud.iter().step_by(step).map(|point| point.x_in_world.into()).collect();
-    let points = occlusion::points_with_views(points, &scene.views);
-    Ok(points.into_iter().filter(|point| !point.views.is_empty()).collect())
 }

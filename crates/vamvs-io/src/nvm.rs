@@ -28,16 +28,13 @@ pub fn read_scene(nvm: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
         return Err(IoError::malformed(nvm, Place::Whole, "expected cameras, found none"));
     }
     let named: Vec<String> = cameras.iter().map(|camera| camera.name.clone()).collect();
-    let Located { folder, names } = locate(nvm, &named, images)?;
+    let Located { folder, names, mut warnings } = locate(nvm, &named, images)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let sizes = stored_sizes(&folder, &names)?;
     let views = cameras.iter().zip(names.into_iter().zip(sizes));
     let views = views.map(|(camera, (name, size))| camera.view(name, size, fixed)).collect();
-    let warnings = if more {
-        vec![format!("{}: it holds several models; only the first is read", nvm.display())]
-    } else {
-        Vec::new()
-    };
+    let several = || format!("{}: it holds several models; only the first is read", nvm.display());
+    warnings.extend(more.then(several));
     Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
 }
 

@@ -66,6 +66,11 @@ pub(crate) struct Line<'a> {
 }
 
 impl<'a> Line<'a> {
+    /// Whether it is empty or a `#` comment.
+    pub(crate) fn is_comment(self) -> bool {
+        is_comment(self.text)
+    }
+
     pub(crate) fn words(self) -> Words<'a> {
         Words { line: self, rest: self.text }
     }

@@ -311,6 +311,46 @@ fn comments_blank_lines_missing_keypoints_and_windows_line_ends_are_read() {
     assert!(model.points.is_empty());
 }
 
+/// Some writers leave out the second line of each image. Names with two spaces make lines of twelve words, as many as four keypoints.
+#[test]
+fn images_without_second_lines_are_all_read() {
+    let folder = tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    save(&path("cameras.txt"), b"1 SIMPLE_PINHOLE 8 6 9 4 3\n");
+    let lines = (0..4).map(|i| format!("{} 1 0 0 0 {i} 0 0 1 WhatsApp Image {i}.jpg\n", i + 1));
+    save(&path("images.txt"), lines.collect::<String>().as_bytes());
+    let names = |model: &Model| model.images.iter().map(|image| image.name.clone()).collect::<Vec<_>>();
+    let model = Model::read(folder.path()).unwrap();
+    assert_eq!(names(&model), (0..4).map(|i| format!("WhatsApp Image {i}.jpg")).collect::<Vec<_>>());
+    assert_eq!(model.images[3].cam_from_world.translation.x, 3.0);
+    // Lines of keypoints may be there for some images only.
+    save(&path("images.txt"), b"1 1 0 0 0 0 0 0 1 a b c.jpg\n1 2 -1 3 4 7 5 6 -1 7 8 9\n2 1 0 0 0 0 0 0 1 d.jpg\n3 1 0 0 0 0 0 0 1 e.jpg\n\n");
+    let model = Model::read(folder.path()).unwrap();
+    assert_eq!(names(&model), ["a b c.jpg", "d.jpg", "e.jpg"]);
+    assert_eq!(model.images.iter().map(|image| image.observations.len()).collect::<Vec<_>>(), [4, 0, 0]);
+}
+
+/// Points that no file says who sees count as seen where they project; a photograph of nearly the same name is taken.
+#[test]
+fn points_without_tracks_are_used_and_near_names_are_taken() {
+    let (model, images) = (tempdir().unwrap(), tempdir().unwrap());
+    let mut trackless = small_model();
+    trackless.points.iter_mut().for_each(|point| point.track.clear());
+    trackless.points[0].x_in_world = Vector3::new(0.0, 0.0, 5.0);
+    trackless.write_binary(model.path()).unwrap();
+    photograph(images.path(), "A.PNG");
+    photograph(images.path(), "b ü.png");
+    let loaded = colmap::read_scene(model.path(), Some(images.path())).unwrap();
+    let seen = loaded.scene.points.iter().filter(|point| !point.views.is_empty()).count();
+    assert!(seen > 0, "{:?}", loaded.scene.points);
+    let said = loaded.warnings.join("; ");
+    assert!(
+        said.contains("does not say which views see its points") && said.contains("a.png is A.PNG"),
+        "{said}"
+    );
+    assert_eq!(loaded.scene.views[0].name, "A.PNG");
+}
+
 #[test]
 fn a_folder_without_a_model_is_named() {
     let folder = tempdir().unwrap();

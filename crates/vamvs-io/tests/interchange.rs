@@ -157,6 +157,35 @@ fn sparse_points_are_seen_wherever_they_lie_in_the_image() {
 }
 
 #[test]
+fn a_scaled_rotation_is_normalised_with_a_warning_and_a_mirror_is_named() {
+    let files = Files::new(&["a.png", "b.png", "c.png"]);
+    let names = ["a.png", "b.png", "c.png"];
+    let scaled = |factors: [f64; 3]| {
+        let mut frames: Vec<Value> = names.iter().zip(0..).map(|(name, index)| frame(name, index)).collect();
+        for frame in &mut frames {
+            for (row, factor) in
+                frame["transform_matrix"].as_array_mut().unwrap()[..3].iter_mut().zip(factors)
+            {
+                for value in &mut row.as_array_mut().unwrap()[..3] {
+                    *value = json!(value.as_f64().unwrap() * factor);
+                }
+            }
+        }
+        json!({"fl_x": 10.0, "frames": frames})
+    };
+    let plain = read_transforms(&files, &scaled([1.0; 3])).unwrap();
+    let found = read_transforms(&files, &scaled([0.25; 3])).unwrap();
+    assert!(plain.warnings.is_empty() && found.warnings[0].contains("3 frames has a uniform scale (0.2500)"));
+    for (view, expected) in found.scene.views.iter().zip(&plain.scene.views) {
+        expect_pose(view, &expected.cam_from_world);
+    }
+    let mirrored = error(read_transforms(&files, &scaled([1.0, -1.0, 1.0])));
+    assert!(mirrored.contains("a mirror image") && mirrored.contains("left-handed"), "{mirrored}");
+    let sheared = error(read_transforms(&files, &scaled([1.0, 2.0, 1.0])));
+    assert!(sheared.contains("the 3×3 part"), "{sheared}");
+}
+
+#[test]
 fn what_is_wrong_in_transforms_is_named_with_its_frame() {
     let files = Files::new(&["a.png", "b.png"]);
     let good = json!({"fl_x": 10.0, "frames": [frame("a.png", 0), frame("b.png", 1)]});

@@ -54,7 +54,7 @@ fn depth_lines_are_read_by_their_number_of_words() {
 }
 
 #[test]
-fn empty_reversed_and_malformed_depth_ranges_are_refused() {
+fn depth_lines_without_a_range_are_warned_of_and_malformed_ones_refused() {
     for line in [
         "0 2.5",
         "-1 2.5",
@@ -66,11 +66,20 @@ fn empty_reversed_and_malformed_depth_ranges_are_refused() {
         "nan 1",
         "1 inf",
     ] {
-        let error = read_text(&format!("{HEAD}{line}"), DepthLine::Auto).unwrap_err().to_string();
-        assert!(error.contains("0_cam.txt line 12: depth line"), "{line}: {error}");
+        let found = read_text(&format!("{HEAD}{line}"), DepthLine::Auto).unwrap();
+        assert_eq!(found, (None, true), "{line}");
     }
-    let error = read_text(&format!("{HEAD}935 425"), DepthLine::MinMax).unwrap_err().to_string();
-    assert!(error.contains("near 935, far 425"), "{error}");
+    assert_eq!(read_text(&format!("{HEAD}935 425"), DepthLine::MinMax).unwrap(), (None, true));
+    let folder = folder(&["0", "1"], &["0.png", "1.png"]);
+    for stem in ["0", "1"] {
+        save(&folder.path().join(format!("cams/{stem}_cam.txt")), &format!("{HEAD}935 -1 9 425"));
+    }
+    let warnings = read(&folder).unwrap().warnings;
+    let said = warnings.join("; ");
+    assert!(
+        warnings.len() == 1 && said.contains("near 935, far 425") && said.contains("(and 1 more)"),
+        "{said}"
+    );
     for line in ["425", "1 2 3 4 5", "425 x"] {
         let error = read_text(&format!("{HEAD}{line}"), DepthLine::Auto).unwrap_err().to_string();
         assert!(error.contains("depth line: expected"), "{line}: {error}");
@@ -263,8 +272,56 @@ fn missing_ambiguous_and_extra_images_are_told() {
     assert!(error.contains("expected one image for the camera \"0\""), "{error}");
     let error = read(&folder(&[], &["0.png"])).unwrap_err().to_string();
     assert!(error.contains("expected camera files"), "{error}");
+    let loaded = read(&folder(&["0", "1", "2"], &["0.png", "2.png"])).unwrap();
+    assert!(
+        loaded.warnings.len() == 1 && loaded.warnings[0].contains("left out (1 …)"),
+        "{:?}",
+        loaded.warnings
+    );
+    assert_eq!(
+        loaded.scene.views.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(),
+        ["0.png", "1", "2.png"]
+    );
+    let loaded = read(&folder(&["Dsc_1"], &["dsc_1.JPG.png"])).map(|loaded| loaded.warnings);
+    assert!(loaded.is_err(), "another name is no near one: {loaded:?}");
+    let loaded = read(&folder(&["Dsc_1"], &["DSC_1.png"])).unwrap();
+    assert!(loaded.scene.views[0].name == "DSC_1.png" && loaded.warnings[0].contains("Dsc_1 is DSC_1.png"));
     let warnings = read(&folder(&["0"], &["0.png", "9.png"])).unwrap().warnings;
     assert!(warnings.len() == 1 && warnings[0].contains("9.png"), "{warnings:?}");
+}
+
+/// Cameras of photographs of half, a quarter or 1.25 of the size are scaled to those that are there; one camera that is off its
+/// middle, or a common offset in one direction, is none of another size.
+#[test]
+fn cameras_of_photographs_of_another_size_are_scaled_with_a_warning() {
+    let stems = ["0", "1", "2", "3", "4"];
+    let files = folder(&stems, &["0.png", "1.png", "2.png", "3.png", "4.png"]);
+    let write = |stem: &str, [f, cx, cy]: [f64; 3]| {
+        let text = HEAD.replace("8 0 4", &format!("{f} 0 {cx}")).replace("0 8 3", &format!("0 {f} {cy}"));
+        save(&files.path().join(format!("cams/{stem}_cam.txt")), &text);
+    };
+    for factor in [0.5, 0.25, 1.25] {
+        for stem in stems {
+            write(stem, [8.0, 4.02, 2.99].map(|value| value * factor));
+        }
+        let Loaded { scene, warnings, .. } = read(&files).unwrap();
+        assert!(warnings.len() == 1 && warnings[0].contains("were scaled to those of 8×6"), "{warnings:?}");
+        for view in &scene.views {
+            let k = view.camera.intrinsics;
+            assert!(
+                (k.fx - 8.0).abs() < 0.05 && (k.cx - 4.0).abs() < 0.05 && (k.cy - 3.0).abs() < 0.05,
+                "{k:?}"
+            );
+        }
+    }
+    for odd in [[8.0, 4.0, 1.5], [8.0, 2.0, 3.0]] {
+        stems.iter().for_each(|stem| write(stem, odd));
+        let Loaded { scene, warnings, .. } = read(&files).unwrap();
+        assert!(warnings.is_empty() && scene.views[0].camera.intrinsics.fx == 8.0, "{odd:?}: {warnings:?}");
+    }
+    stems.iter().for_each(|stem| write(stem, [8.0, 4.0, 3.0]));
+    write("2", [4.0, 2.0, 1.5]);
+    assert!(read(&files).unwrap().warnings.is_empty(), "one camera of five may differ");
 }
 
 #[test]

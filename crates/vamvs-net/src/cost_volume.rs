@@ -298,8 +298,7 @@ impl Sweep<'_> {
             let warped = self.warped(source, projection, &depth)?;
             correlation(self.features(self.reference), &warped, group)
         };
-        let slabs: Vec<Tensor> =
-            (0..self.count()).step_by(self.slab).map(slab).collect::<Result<_, _>>()?;
+        let slabs: Vec<Tensor> = (0..self.count()).step_by(self.slab).map(slab).collect::<Result<_, _>>()?;
         Ok(Tensor::f_cat(&slabs, 0)?)
     }
 

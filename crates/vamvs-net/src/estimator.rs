@@ -419,8 +419,7 @@ impl Estimator {
         let (network, slab_bytes) = (&self.network, self.options.slab_bytes);
         let wide_masks = seen.as_ref().map(|masks| masks.iter().map(halved).collect::<Result<_, _>>());
         let mut costs_at = |level: usize, seen: Option<Vec<Tensor>>| {
-            let inputs =
-                SweepInputs { network, reference, sources, planes, level, around: None, slab_bytes };
+            let inputs = SweepInputs { network, reference, sources, planes, level, around: None, slab_bytes };
             let are_given = seen.is_some();
             let Costs { costs, visibility } = cost_volume::costs(&inputs, seen, profile)?;
             let stride = reference.stride << level;
@@ -466,15 +465,8 @@ impl Estimator {
         let around = enlarged_depth(&coarse.map.u, size)?.f_detach()?;
         let visibility: Vec<Tensor> =
             coarse.visibility.iter().map(|mask| enlarged(mask, size)).collect::<Result<_, _>>()?;
-        let inputs = SweepInputs {
-            network,
-            reference,
-            sources,
-            planes,
-            level: 0,
-            around: Some(&around),
-            slab_bytes,
-        };
+        let inputs =
+            SweepInputs { network, reference, sources, planes, level: 0, around: Some(&around), slab_bytes };
         let masks = visibility.iter().map(Tensor::shallow_clone).collect();
         let CostVolume { volume, .. } =
             profile.time(Stage::Sweep, || cost_volume::sweep(&inputs, Some(masks)))?;
@@ -620,7 +612,8 @@ fn enlarged_depth(u: &Tensor, size: Size) -> Result<Tensor, TchError> {
 /// (1, 1, h, w).
 fn spread_of(costs: &Tensor) -> Result<Tensor, TchError> {
     let logs = costs.f_neg()?.f_log_softmax(1, Kind::Float)?;
-    let entropy = logs.f_exp()?.f_mul(&logs)?.f_sum_dim_intlist([1].as_slice(), true, Kind::Float)?.f_neg()?;
+    let entropy =
+        logs.f_exp()?.f_mul(&logs)?.f_sum_dim_intlist([1].as_slice(), true, Kind::Float)?.f_neg()?;
     entropy.f_div_scalar((costs.size()[1] as f64).ln())
 }
 

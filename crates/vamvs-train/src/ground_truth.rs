@@ -152,7 +152,18 @@ mod tests {
         ground_truth.depth = Grid::from_fn(Size::new(12, 10), |x, _| [1.8, 2.0, 2.5, 3.04, 3.2, 0.0][x % 6]);
         let xs = [0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 12.5];
         let told = |surfaces: Vec<f32>| {
-            surfaces.iter().map(|s| if s.is_nan() { '?' } else if *s > 0.5 { '1' } else { '0' }).collect::<String>()
+            surfaces
+                .iter()
+                .map(|s| {
+                    if s.is_nan() {
+                        '?'
+                    } else if *s > 0.5 {
+                        '1'
+                    } else {
+                        '0'
+                    }
+                })
+                .collect::<String>()
         };
         assert_eq!(told(ground_truth.surfaces(&xs, &[3.5], &planes)), "011?00?");
         ground_truth.is_complete = false;

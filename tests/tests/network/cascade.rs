@@ -22,7 +22,8 @@ fn around_a_plane_the_second_volume_is_a_part_of_a_plane_sweep() {
         let fine = Planes { count: 97, spacing: Spacing::Depth, ..coarse }; // 4 planes for one of the coarse sweep
         let options = (Kind::Float, tch::Device::Cpu);
         let around = Tensor::full([20, 28], 12.0, options);
-        let masks = || Some(vec![Tensor::ones([1, 1, 20, 28], options), Tensor::full([1, 1, 20, 28], 0.3, options)]);
+        let masks =
+            || Some(vec![Tensor::ones([1, 1, 20, 28], options), Tensor::full([1, 1, 20, 28], 0.3, options)]);
         let whole = sweep(&swept(&network, &encoded[0], &sources, &fine, 0), masks()).unwrap().volume;
         let inputs =
             SweepInputs { around: Some(&around), ..swept(&network, &encoded[0], &sources, &coarse, 0) };
@@ -32,7 +33,10 @@ fn around_a_plane_the_second_volume_is_a_part_of_a_plane_sweep() {
             let u = 12.0 + cascade.step * (plane as f64 - 0.5 * (cascade.planes - 1) as f64);
             let (expected, found) = (whole.select(2, (4.0 * u) as i64), narrow.select(2, plane as i64));
             let difference = (&expected - &found).abs().max().double_value(&[]);
-            assert!(difference < 1e-3 * expected.abs().max().double_value(&[]), "plane {plane}: {difference}");
+            assert!(
+                difference < 1e-3 * expected.abs().max().double_value(&[]),
+                "plane {plane}: {difference}"
+            );
         }
     });
 }
@@ -48,9 +52,11 @@ fn kernels_and_tensors_sweep_the_same_planes() {
     let volume = |encoded: &[vamvs_net::EncodedView]| {
         let size = encoded[0].size_at(4);
         let shape = [size.height as i64, size.width as i64];
-        let around = Tensor::linspace(2.0, 20.0, shape[0] * shape[1], (Kind::Float, tch::Device::Cpu)).view(shape);
+        let around =
+            Tensor::linspace(2.0, 20.0, shape[0] * shape[1], (Kind::Float, tch::Device::Cpu)).view(shape);
         let sources: Vec<_> = encoded[1..].iter().collect();
-        let inputs = SweepInputs { around: Some(&around), ..swept(&network, &encoded[0], &sources, &planes, 0) };
+        let inputs =
+            SweepInputs { around: Some(&around), ..swept(&network, &encoded[0], &sources, &planes, 0) };
         let mask = || Tensor::ones([1, 1, shape[0], shape[1]], (Kind::Float, tch::Device::Cpu));
         sweep(&inputs, Some(vec![mask(), mask()])).unwrap().volume
     };
@@ -76,8 +82,7 @@ fn the_second_stage_is_nearer_to_the_truth() {
     let errors = tch::no_grad(|| {
         let encoded: Vec<_> = photos.iter().map(|photo| estimator.network().encode(photo).unwrap()).collect();
         let sources: Vec<_> = encoded[1..].iter().collect();
-        let stages =
-            estimator.stages(&encoded[0], &sources, &planes, None, &mut Profile::default()).unwrap();
+        let stages = estimator.stages(&encoded[0], &sources, &planes, None, &mut Profile::default()).unwrap();
         stages.iter().map(|stage| error(&views[0], &planes, &stage.u)).collect::<Vec<_>>()
     });
     assert!(errors.len() == 2 && errors[1] < 0.8 * errors[0], "median errors, plane distances: {errors:?}");

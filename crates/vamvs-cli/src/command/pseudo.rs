@@ -2,9 +2,9 @@
 
 use anyhow::{Result, bail, ensure};
 use serde_json::json;
+use vamvs::Maps;
 use vamvs::io::masks::Masks;
 use vamvs::pseudo::{self, PseudoSummary};
-use vamvs::Maps;
 
 use crate::arguments::PseudoArguments;
 use crate::progress::Progress;
@@ -42,7 +42,9 @@ pub fn run(arguments: &PseudoArguments) -> Result<()> {
     }
     progress.finish();
     if scenes.is_empty() {
-        bail!("none of the reconstructions has enough verified pixels: more views, or better ones, are needed");
+        bail!(
+            "none of the reconstructions has enough verified pixels: more views, or better ones, are needed"
+        );
     }
     if arguments.common.json {
         say!("{}", json!({ "scenes": scenes }));

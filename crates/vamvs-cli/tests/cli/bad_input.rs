@@ -30,8 +30,25 @@ fn a_missing_photograph_is_named_and_an_extra_one_is_a_warning() {
     expect_success(&output);
     assert!(stderr(&output).contains("warning: "), "{}", stderr(&output));
     std::fs::remove_file(scene.path("images/0001.png")).unwrap();
+    let output = scene.run("depth", &QUICK);
+    expect_success(&output);
+    let said = stderr(&output);
+    assert!(said.contains("1 of the scene's images are missing") && said.contains("0001"), "{said}");
+    std::fs::remove_file(scene.path("images/0000.png")).unwrap();
     let said = scene.error("depth", &QUICK);
-    assert!(said.contains("missing") && said.contains("0001"), "{said}");
+    assert!(said.contains("2 of the scene's images missing") && said.contains("0001"), "{said}");
+}
+
+#[test]
+fn depth_lines_without_a_range_are_warned_of_and_the_flag_wins() {
+    for text in ["5 0 10 5", "5 0.1 10 2", "-1 0.1", "0 0.1"] {
+        let scene = small();
+        edit_cam(&scene, 1, DEPTH_LINE, text);
+        let output = scene.run("depth", &[&QUICK[..], &["--depth-range", "2", "9"]].concat());
+        expect_success(&output);
+        let said = stderr(&output);
+        assert!(said.contains("0001_cam.txt: the depth line is not used"), "{text}: {said}");
+    }
 }
 
 #[test]
@@ -41,10 +58,7 @@ fn cameras_that_are_none_are_named_with_file_and_field() {
         (1, "5 0 0 0", "not a rotation"),
         (7, "0 0 48", "focal lengths"),
         (7, "inf 0 48", "focal lengths"),
-        (DEPTH_LINE, "5 0 10 5", "depth range"),
-        (DEPTH_LINE, "5 0.1 10 2", "depth range"),
-        (DEPTH_LINE, "-1 0.1", "depth range"),
-        (DEPTH_LINE, "0 0.1", "depth range"),
+        (DEPTH_LINE, "5", "depth line"),
     ] {
         let scene = small();
         edit_cam(&scene, 1, line, text);

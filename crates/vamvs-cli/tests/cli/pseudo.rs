@@ -17,8 +17,8 @@ fn falsify(folder: &vamvs::OutputFolder, view: usize, factor: f32) {
 fn verified(scene: &Scene, set: &std::path::Path, view: usize) -> (f64, bool) {
     let depth: Grid<f32> = pfm::read_depth(&set.join(format!("depths/{view:08}.pfm"))).unwrap();
     let pairs = depth.data().iter().zip(scene.views[view].depth.data()).filter(|(depth, _)| **depth > 0.0);
-    let (count, wrong) =
-        pairs.fold((0, 0), |(count, wrong), (a, b)| (count + 1, wrong + usize::from((a - b).abs() > 1e-4 * b)));
+    let (count, wrong) = pairs
+        .fold((0, 0), |(count, wrong), (a, b)| (count + 1, wrong + usize::from((a - b).abs() > 1e-4 * b)));
     (count as f64 / depth.data().len() as f64, wrong == 0)
 }
 
@@ -53,7 +53,10 @@ fn a_reconstruction_with_too_few_verified_pixels_is_left_out_by_name_and_count()
     assert!(said.contains("none of the reconstructions has enough verified pixels"), "{said}");
     let name = folder.root().file_name().unwrap().to_string_lossy().into_owned();
     let warned = stderr(&output);
-    assert!(warned.contains(&format!("{name} is left out")) && warned.contains("of 24576 pixels"), "{warned}");
+    assert!(
+        warned.contains(&format!("{name} is left out")) && warned.contains("of 24576 pixels"),
+        "{warned}"
+    );
     assert!(!set.join(name).exists());
     let missing = vamvs().args(["pseudo", "nowhere", "--out"]).arg(&set).output().unwrap();
     assert!(error_of(&missing).contains("nowhere"));

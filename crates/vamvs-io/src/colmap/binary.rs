@@ -15,8 +15,8 @@ use crate::{IoError, atomic};
 /// The point id of a keypoint without a triangulated point.
 const NO_POINT: u64 = u64::MAX;
 
-/// Least size of a camera in bytes: id, model, width, height and three parameters.
-const CAMERA_BYTES: u64 = 4 + 4 + 8 + 8 + 3 * 8;
+/// Least size of a camera in bytes: id, model, width, height and two parameters.
+const CAMERA_BYTES: u64 = 4 + 4 + 8 + 8 + 2 * 8;
 
 /// Least size of an image in bytes: id, pose, camera id, the zero byte after its name, number of keypoints.
 const IMAGE_BYTES: u64 = 4 + 7 * 8 + 4 + 1 + 8;

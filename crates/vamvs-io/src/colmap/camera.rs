@@ -20,6 +20,12 @@ enum LensKind {
     Rational,
     /// k₁ … k₄.
     Fisheye,
+    /// k.
+    Division,
+    /// α β.
+    Eucm,
+    /// A photograph of all directions, which no pinhole camera takes.
+    Panorama,
     /// A distortion that [`Lens`] cannot express.
     Unsupported,
 }
@@ -34,7 +40,7 @@ const fn model(
     CameraModel { name, id, parameters, focal_lengths, lens }
 }
 
-static MODELS: [CameraModel; 12] = [
+static MODELS: [CameraModel; 18] = [
     model("SIMPLE_PINHOLE", 0, 3, 1, LensKind::Rational),
     model("PINHOLE", 1, 4, 2, LensKind::Rational),
     model("SIMPLE_RADIAL", 2, 4, 1, LensKind::Rational),
@@ -47,6 +53,12 @@ static MODELS: [CameraModel; 12] = [
     model("RADIAL_FISHEYE", 9, 5, 1, LensKind::Fisheye),
     model("THIN_PRISM_FISHEYE", 10, 12, 2, LensKind::Unsupported),
     model("RAD_TAN_THIN_PRISM_FISHEYE", 11, 16, 2, LensKind::Unsupported),
+    model("SIMPLE_DIVISION", 12, 4, 1, LensKind::Division),
+    model("DIVISION", 13, 5, 2, LensKind::Division),
+    model("SIMPLE_FISHEYE", 14, 3, 1, LensKind::Fisheye),
+    model("FISHEYE", 15, 4, 2, LensKind::Fisheye),
+    model("EUCM", 16, 6, 2, LensKind::Eucm),
+    model("EQUIRECTANGULAR", 17, 2, 0, LensKind::Panorama),
 ];
 
 /// Longest accepted side of an image, in pixels.
@@ -64,7 +76,14 @@ pub(super) fn by_id(id: i32) -> Result<&'static CameraModel, String> {
 }
 
 fn supported(name: &str, model: Option<&'static CameraModel>) -> Result<&'static CameraModel, String> {
-    let is_supported = |model: &&CameraModel| !matches!(model.lens, LensKind::Unsupported);
+    let is_supported =
+        |model: &&CameraModel| !matches!(model.lens, LensKind::Unsupported | LensKind::Panorama);
+    if model.is_some_and(|model| matches!(model.lens, LensKind::Panorama)) {
+        return Err(format!(
+            "found {name}, a photograph of all directions: expected photographs of pinhole cameras or fisheyes; cut it into views of a \
+             cube before the reconstruction (COLMAP's panorama_sfm example does)"
+        ));
+    }
     model.filter(is_supported).ok_or_else(|| {
         let names: Vec<&str> = MODELS.iter().filter(is_supported).map(|model| model.name).collect();
         let names = names.join(", ");
@@ -90,6 +109,11 @@ pub(super) fn camera(model: &CameraModel, size: Size, parameters: &[f64]) -> Res
     let (focal_lengths, rest) = parameters.split_at(model.focal_lengths);
     let (fx, fy) = (focal_lengths[0], focal_lengths[model.focal_lengths - 1]);
     let intrinsics = Intrinsics::try_new(fx, fy, rest[0], rest[1]).map_err(|error| error.to_string())?;
+    if let (LensKind::Eucm, [alpha, beta]) = (&model.lens, &rest[2..])
+        && !((0.0..=1.0).contains(alpha) && *beta > 0.0)
+    {
+        return Err(format!("expected α from 0 to 1 and β greater than 0, found {alpha} and {beta}"));
+    }
     Ok(Camera { size, intrinsics, lens: lens(&model.lens, &rest[2..]) })
 }
 
@@ -101,12 +125,14 @@ fn lens(kind: &LensKind, given: &[f64]) -> Lens {
             p: [value(2), value(3)],
         },
         LensKind::Fisheye => Lens::Fisheye { k: [value(0), value(1), value(2), value(3)] },
-        LensKind::Unsupported => unreachable!("`supported` refuses these models"),
+        LensKind::Division => Lens::Division { k: value(0) },
+        LensKind::Eucm => Lens::Eucm { alpha: value(0), beta: value(1) },
+        LensKind::Unsupported | LensKind::Panorama => unreachable!("`supported` refuses these models"),
     };
     if lens.distorts() { lens } else { Lens::None }
 }
 
-/// The simplest of the models PINHOLE, OPENCV, FULL_OPENCV and OPENCV_FISHEYE that can express `camera`, and
+/// The simplest of the models PINHOLE, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, DIVISION and EUCM that can express `camera`, and
 /// the camera's parameters in it.
 pub(super) fn parameters(camera: &Camera) -> (&'static CameraModel, Vec<f64>) {
     let Intrinsics { fx, fy, cx, cy } = camera.intrinsics;
@@ -115,6 +141,8 @@ pub(super) fn parameters(camera: &Camera) -> (&'static CameraModel, Vec<f64>) {
         Lens::Rational { k: [k1, k2, 0.0, 0.0, 0.0, 0.0], p: [p1, p2] } => (4, vec![k1, k2, p1, p2]),
         Lens::Rational { k, p } => (6, vec![k[0], k[1], p[0], p[1], k[2], k[3], k[4], k[5]]),
         Lens::Fisheye { k } => (5, k.to_vec()),
+        Lens::Division { k } => (13, vec![k]),
+        Lens::Eucm { alpha, beta } => (16, vec![alpha, beta]),
     };
     (&MODELS[id], [vec![fx, fy, cx, cy], lens].concat())
 }
@@ -141,7 +169,7 @@ mod tests {
         let rational = |k, p| Lens::Rational { k, p };
         let square = Intrinsics { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0 };
         let other = Intrinsics { fy: 510.0, ..square };
-        let cases: [(&str, &[f64], Intrinsics, Lens); 9] = [
+        let cases: [(&str, &[f64], Intrinsics, Lens); 14] = [
             ("SIMPLE_PINHOLE", &[500.0, 320.0, 240.0], square, Lens::None),
             ("PINHOLE", &[500.0, 510.0, 320.0, 240.0], other, Lens::None),
             (
@@ -186,6 +214,11 @@ mod tests {
                 square,
                 Lens::Fisheye { k: [0.1, 0.2, 0.0, 0.0] },
             ),
+            ("SIMPLE_FISHEYE", &[500.0, 320.0, 240.0], square, Lens::Fisheye { k: [0.0; 4] }),
+            ("FISHEYE", &[500.0, 510.0, 320.0, 240.0], other, Lens::Fisheye { k: [0.0; 4] }),
+            ("SIMPLE_DIVISION", &[500.0, 320.0, 240.0, -0.05], square, Lens::Division { k: -0.05 }),
+            ("DIVISION", &[500.0, 510.0, 320.0, 240.0, 0.05], other, Lens::Division { k: 0.05 }),
+            ("EUCM", &[500.0, 510.0, 320.0, 240.0, 0.6, 1.0], other, Lens::Eucm { alpha: 0.6, beta: 1.0 }),
         ];
         for (name, values, intrinsics, lens) in cases {
             let expected = Camera { size: SIZE, intrinsics, lens };
@@ -209,6 +242,12 @@ mod tests {
         for parameters in [[0.0, 1.0, 0.0, 0.0], [1.0, f64::NAN, 0.0, 0.0]] {
             assert!(camera(pinhole, SIZE, &parameters).is_err());
         }
+        let eucm = by_name("EUCM").unwrap();
+        for [alpha, beta] in [[1.5, 1.0], [-0.1, 1.0], [0.5, 0.0]] {
+            let message = camera(eucm, SIZE, &[500.0, 500.0, 320.0, 240.0, alpha, beta]).unwrap_err();
+            assert!(message.contains("α from 0 to 1"), "{message}");
+        }
+        assert!(by_id(17).err().unwrap().contains("all directions"));
         for refused in [by_name("FOV"), by_id(7), by_id(-1), by_name("pinhole")] {
             let message = refused.err().unwrap();
             assert!(message.contains("undistort") && message.contains("FULL_OPENCV"), "{message}");

@@ -1,6 +1,6 @@
 //! Reads a sparse model and its image folder as a scene.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
 use vamvs_core::{Camera, Scene, SparsePoint, View};
@@ -8,7 +8,8 @@ use vamvs_core::{Camera, Scene, SparsePoint, View};
 use super::model::{Image, Model, Point};
 use super::workspace;
 use crate::masks::Masks;
-use crate::{IoError, Loaded, Place, folder};
+use crate::trackless::give_points;
+use crate::{IoError, Loaded, Place, folder, names};
 
 /// Reads the model in the folder `model`, as [`Model::read`] does, with the photographs in the folder `images`, or else in
 /// `images` in the folder of the model or up to two above, as in `images` and `sparse/0`. Views are sorted by name and keep
@@ -26,9 +27,16 @@ pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError
         return Err(IoError::malformed(model, Place::Whole, problem));
     }
     registered.sort_by(|a, b| a.name.cmp(&b.name));
+    let found = folder::images(images)?;
+    let mut warnings: Vec<String> =
+        rename_nearly_named(images, &found, &mut registered).into_iter().collect();
     let names: Vec<&str> = registered.iter().map(|image| image.name.as_str()).collect();
-    let mut warnings: Vec<String> = folder::warn_of_missing(images, &names)?.into_iter().collect();
-    warnings.extend(folder::warn_of_unused(&folder::images(images)?, names.iter().copied()));
+    warnings.extend(folder::warn_of_missing(images, &names)?);
+    warnings.extend(folder::warn_of_unused(&found, names.iter().copied()));
+    let trackless: Vec<_> = match points.iter().all(|point| point.track.is_empty()) {
+        true => points.iter().map(|point| point.x_in_world).collect(),
+        false => Vec::new(),
+    };
     let (points, dangling) = sparse_points(&registered, &points);
     if dangling > 0 {
         warnings
@@ -36,8 +44,26 @@ pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError
     }
     let view = |image: Image| view(cameras[&image.camera_id], image);
     let views = registered.into_iter().map(view).collect();
-    let scene = Scene { views, points, pairs: None };
+    let mut scene = Scene { views, points, pairs: None };
+    if !trackless.is_empty() {
+        warnings.push(give_points(&mut scene, &trackless, model));
+    }
     Ok(Loaded { scene, images: images.to_owned(), masks: Masks::None, warnings })
+}
+
+/// Gives images that are missing the name of the only file that is nearly called like them; returns a warning.
+fn rename_nearly_named(folder: &Path, found: &BTreeSet<String>, registered: &mut [Image]) -> Option<String> {
+    let taken: BTreeSet<String> = registered.iter().map(|image| image.name.clone()).collect();
+    let mut renamed = Vec::new();
+    for image in registered.iter_mut().filter(|image| !found.contains(&image.name)) {
+        if folder.join(&image.name).is_file() {
+            continue;
+        }
+        if let Some(file) = names::near(found, &image.name).filter(|file| !taken.contains(*file)) {
+            renamed.push((std::mem::replace(&mut image.name, file.to_owned()), file.to_owned()));
+        }
+    }
+    names::warn_of_renamed(folder, &renamed)
 }
 
 fn view(camera: Camera, image: Image) -> View {

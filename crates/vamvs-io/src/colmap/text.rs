@@ -1,4 +1,4 @@
-//! `cameras.txt`, `images.txt` (two lines per image, of which the second may be empty), `points3D.txt`.
+//! `cameras.txt`, `images.txt` (two lines per image, of which the second may be empty or missing), `points3D.txt`.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -72,19 +72,34 @@ fn parse_camera(line: Line) -> Result<(u32, Camera), IoError> {
 
 fn read_images(path: &Path, keypoints: Keypoints) -> Result<Vec<Image>, IoError> {
     let mut reader = TextReader::open(path)?;
-    let mut images = Vec::new();
-    while let Some(line) = reader.next_entry()? {
-        let mut image = parse_image(line)?;
-        if let Some(line) = reader.next_line()? {
-            let count = count_observations(line, &image)?;
-            image.observations = match keypoints {
-                Keypoints::Read => parse_observations(line, count)?,
-                Keypoints::Skip => Vec::new(),
-            };
+    let mut images: Vec<Image> = Vec::new();
+    let mut has_keypoints = true;
+    while let Some(line) = reader.next_line()? {
+        match images.last_mut() {
+            Some(image) if !has_keypoints && !is_image(line) => {
+                has_keypoints = true;
+                let count = count_observations(line, image)?;
+                if keypoints == Keypoints::Read {
+                    image.observations = parse_observations(line, count)?;
+                }
+            }
+            _ if line.is_comment() => {}
+            _ => {
+                images.push(parse_image(line)?);
+                has_keypoints = false;
+            }
         }
-        images.push(image);
     }
     Ok(images)
+}
+
+/// Whether a line where keypoints are expected is the next image's instead: some writers leave the second lines out. Keypoints end with
+/// the number of a point, images with a name.
+fn is_image(line: Line) -> bool {
+    let mut words = line.words();
+    let numbers = words.by_ref().take(9).filter(|word| word.parse::<f64>().is_ok()).count();
+    let name = words.last();
+    numbers == 9 && name.is_some_and(|name| name.parse::<f64>().is_err())
 }
 
 /// Reads an image's first line. The name is the rest of the line, because it may contain spaces.

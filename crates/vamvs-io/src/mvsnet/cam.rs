@@ -65,17 +65,16 @@ pub struct Cam {
     pub intrinsics: Intrinsics,
     /// The pose.
     pub cam_from_world: Pose,
-    /// The depth range in scene units, if there is a depth line.
+    /// The depth range in scene units, if there is a depth line with one.
     pub depth_range: Option<DepthRange>,
-    /// A warning that says how an ambiguous depth line was read.
+    /// A warning that says how an ambiguous depth line was read, or that it gives no range.
     pub warning: Option<String>,
 }
 
 /// Reads a camera file.
 ///
 /// # Errors
-/// If the file cannot be read or is malformed, the pose or the intrinsics are invalid, or the depth range is
-/// empty.
+/// If the file cannot be read or is malformed, or the pose or the intrinsics are invalid.
 pub fn read_cam(path: &Path, options: &Options) -> Result<Cam, IoError> {
     let mut words = WordReader::open(path)?;
     let cam_from_world = read_pose(&mut words)?;
@@ -83,11 +82,14 @@ pub fn read_cam(path: &Path, options: &Options) -> Result<Cam, IoError> {
     let numbers = read_depth_line(&mut words)?;
     let (end, warning) =
         range_end(&numbers, options.depth_line).map_err(|problem| words.malformed(problem))?;
-    let depth_range = match end {
-        None => None,
-        Some(far) => Some(range(&words, numbers[0], far)?),
-    };
-    Ok(Cam { intrinsics, cam_from_world, depth_range, warning })
+    let range = end.map(|far| DepthRange::try_new(numbers[0], far));
+    let no_range = range.as_ref().and_then(|range| range.as_ref().err()).map(|error| {
+        format!(
+            "the depth line is not used: {error}; if its first two numbers mean something else, choose how depth lines are read (--depth-line)"
+        )
+    });
+    let depth_range = range.and_then(Result::ok);
+    Ok(Cam { intrinsics, cam_from_world, depth_range, warning: no_range.or(warning) })
 }
 
 /// Writes a camera file. If there is a depth range, its depth line is `min interval num max` for
@@ -172,12 +174,4 @@ fn range_end(numbers: &[f64], line: DepthLine) -> Result<(Option<f64>, Option<St
         (_, [min, interval, planes, ..]) => by_interval(*min, *interval, *planes),
     };
     Ok((Some(end), None))
-}
-
-fn range(words: &WordReader, near: f64, far: f64) -> Result<DepthRange, IoError> {
-    DepthRange::try_new(near, far).map_err(|error| {
-        words.malformed(format!(
-            "depth line: {error}; if its first two numbers mean something else, choose how the depth line is read (--depth-line)"
-        ))
-    })
 }

@@ -1,6 +1,6 @@
 //! Reads a scene of camera files, images with the same stems, and an optional `pair.txt`.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use super::cam::{Cam, Options, read_cam};
 use super::pair::{Pairs, read_pairs};
 use crate::masks::Masks;
 use crate::sizes::stored_sizes;
-use crate::{IoError, Loaded, Place, folder};
+use crate::{IoError, Loaded, Place, folder, names};
 
 /// The end of camera files' names.
 const SUFFIX: &str = "_cam.txt";
@@ -22,28 +22,33 @@ const SUFFIX: &str = "_cam.txt";
 /// the folder above is read; if there is none, [`Scene::pairs`] is `None`.
 ///
 /// # Errors
-/// If a file cannot be read or is malformed, an image is missing or not unique, or there are no camera files.
+/// If a file cannot be read or is malformed, half of the images are missing, one is not unique, or there are no camera files.
 pub fn read_scene(
     cams: &Path,
     images: &Path,
     pairs: Option<&Path>,
     options: &Options,
 ) -> Result<Loaded, IoError> {
-    let cam_files = cam_files(cams)?;
+    let cam_folder = cams;
+    let cam_files = cam_files(cam_folder)?;
     let found = folder::images(images)?;
-    let names = match_images(images, &cam_files, found.iter().map(String::as_str))?;
+    let (names, mut warnings) = match_images(images, &cam_files, &found)?;
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let ids = view_ids(cam_files.keys());
-    let mut warnings = Vec::new();
-    let mut views = Vec::with_capacity(names.len());
     let sizes = stored_sizes(images, &names)?;
-    for (path, (&name, (&size, &id))) in cam_files.values().zip(names.iter().zip(sizes.iter().zip(&ids))) {
-        let cam = read_cam(path, options)?;
-        warnings.extend(cam.warning.as_ref().map(|warning| format!("{}: {warning}", path.display())));
-        warnings.extend(off_centre(path, &cam, size));
-        views.push(view(id, name, &cam, size));
+    let cams = cam_files.values().map(|path| read_cam(path, options));
+    let mut cams: Vec<Cam> = cams.collect::<Result<_, _>>()?;
+    warnings.extend(warn_of_depth_lines(&cam_files, &cams));
+    warnings.extend(fit_to_photographs(cam_folder, &mut cams, &sizes));
+    let mut views = Vec::with_capacity(names.len());
+    for ((path, cam), (&name, (&size, &id))) in
+        cam_files.values().zip(&cams).zip(names.iter().zip(sizes.iter().zip(&ids)))
+    {
+        warnings.extend(off_centre(path, cam, size));
+        views.push(view(id, name, cam, size));
     }
     warnings.extend(folder::warn_of_unused(&found, names.iter().copied()));
-    let pair_file = pairs.map(Path::to_owned).or_else(|| pair_file_near(cams));
+    let pair_file = pairs.map(Path::to_owned).or_else(|| pair_file_near(cam_folder));
     let pairs = pair_file.as_deref().map(|path| read_pairs(path, &ids)).transpose()?;
     if let (Some(path), Some(unknown)) = (&pair_file, pairs.as_ref().and_then(|pairs| pairs.unknown.first()))
         && !are_of_stems(cam_files.keys(), &ids)
@@ -87,15 +92,16 @@ fn cam_files(cams: &Path) -> Result<BTreeMap<String, PathBuf>, IoError> {
     Ok(files)
 }
 
-/// The image of each camera, in the order of the cameras: the one with the same stem.
-fn match_images<'a>(
+/// The image of each camera, in the order of the cameras: the one with the same stem, or the only one with nearly the same; and
+/// warnings about that. An image that is missing is called like its camera.
+fn match_images(
     folder: &Path,
     cam_files: &BTreeMap<String, PathBuf>,
-    found: impl Iterator<Item = &'a str>,
-) -> Result<Vec<&'a str>, IoError> {
+    found: &BTreeSet<String>,
+) -> Result<(Vec<String>, Vec<String>), IoError> {
     let mut by_stem: BTreeMap<&str, &str> = BTreeMap::new();
     for name in found {
-        let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+        let stem = name.rsplit_once('.').map_or(name.as_str(), |(stem, _)| stem);
         if let Some(other) = by_stem.insert(stem, name)
             && cam_files.contains_key(stem)
         {
@@ -103,11 +109,73 @@ fn match_images<'a>(
             return Err(IoError::malformed(folder, Place::Whole, problem));
         }
     }
-    let stems = || cam_files.keys().map(String::as_str);
-    let missing: Vec<&str> = stems().filter(|stem| !by_stem.contains_key(stem)).collect();
+    let (mut missing, mut renamed) = (Vec::new(), Vec::new());
+    let mut images = Vec::with_capacity(cam_files.len());
+    for stem in cam_files.keys() {
+        images.push(match (by_stem.get(stem.as_str()), names::near(found, stem)) {
+            (Some(name), _) => (*name).to_owned(),
+            (None, Some(near)) => {
+                renamed.push((stem.clone(), near.to_owned()));
+                near.to_owned()
+            }
+            (None, None) => {
+                missing.push(stem.as_str());
+                stem.clone()
+            }
+        });
+    }
     expect_known_format(folder, &missing)?;
-    folder::missing_images(folder, &missing)?;
-    Ok(stems().filter_map(|stem| by_stem.get(stem).copied()).collect())
+    let mut warnings: Vec<String> =
+        folder::warn_of_those_missing(folder, &missing, cam_files.len())?.into_iter().collect();
+    warnings.extend(names::warn_of_renamed(folder, &renamed));
+    Ok((images, warnings))
+}
+
+/// A warning about depth lines that were guessed or not used: the first one's, and how many there are.
+fn warn_of_depth_lines(cam_files: &BTreeMap<String, PathBuf>, cams: &[Cam]) -> Option<String> {
+    let mut warned =
+        cam_files.values().zip(cams).filter_map(|(path, cam)| Some((path, cam.warning.as_ref()?)));
+    let (path, warning) = warned.next()?;
+    let others = match warned.count() {
+        0 => String::new(),
+        count => format!(" (and {count} more)"),
+    };
+    Some(format!("{}: {warning}{others}", path.display()))
+}
+
+/// Principal points that lie this much off the middle, as a factor, are those of photographs of another size.
+const ANOTHER_SIZE: f64 = 1.2;
+
+/// How far single ones may be from the common factor, and the share of the views that must have it.
+const COMMON: (f64, f64) = (1.05, 0.8);
+
+/// Scales cameras that were made for photographs of another size: their principal points lie away from the middle by one
+/// common factor in both directions in most views. Returns a warning.
+fn fit_to_photographs(folder: &Path, cams: &mut [Cam], sizes: &[Size]) -> Option<String> {
+    let factors = |(cam, size): (&Cam, &Size)| {
+        [2.0 * cam.intrinsics.cx / size.width as f64, 2.0 * cam.intrinsics.cy / size.height as f64]
+    };
+    let all: Vec<[f64; 2]> = cams.iter().zip(sizes).map(factors).collect();
+    let mut sorted: Vec<f64> = all.iter().flatten().copied().collect();
+    sorted.sort_by(f64::total_cmp);
+    let factor = sorted.get(sorted.len() / 2).copied().filter(|factor| *factor > 0.0)?;
+    let is_common =
+        |factors: &&[f64; 2]| factors.iter().all(|one| (1.0 / COMMON.0..=COMMON.0).contains(&(one / factor)));
+    let common = all.iter().filter(is_common).count() as f64 >= COMMON.1 * all.len() as f64;
+    if !common || (1.0 / ANOTHER_SIZE..=ANOTHER_SIZE).contains(&factor) {
+        return None;
+    }
+    for cam in cams.iter_mut() {
+        cam.intrinsics = cam.intrinsics.scaled(1.0 / factor, 1.0 / factor);
+    }
+    let Size { width, height } = sizes[0];
+    let made = [width, height].map(|side| (side as f64 * factor).round());
+    Some(format!(
+        "{}: the cameras were made for photographs of about {}×{} pixels (principal points lie at {factor:.3} of the middle), and were scaled to those of {width}×{height}; intrinsics of the photographs' own size avoid this",
+        folder.display(),
+        made[0],
+        made[1]
+    ))
 }
 
 /// Fails if a file of a missing image is there but of a format that cannot be read.

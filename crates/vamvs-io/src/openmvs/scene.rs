@@ -55,7 +55,7 @@ pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
         return Err(IoError::malformed(mvs, Place::Whole, "expected images with poses, found none"));
     }
     let named: Vec<String> = posed.iter().map(|image| image.name.clone()).collect();
-    let Located { folder, names } = locate(mvs, &named, images)?;
+    let Located { folder, names, mut warnings } = locate(mvs, &named, images)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let stated: Vec<_> = posed.iter().map(|image| image.camera(&platforms)?.size).collect();
     let sizes = sizes(&folder, &names, &stated)?;
@@ -63,7 +63,7 @@ pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     let views = posed.iter().zip(names.into_iter().zip(sizes)).map(view).collect::<Result<_, _>>()?;
     let left_out = listed.len() - posed.len();
     let warning = format!("{left_out} of {} images have no pose and are left out", listed.len());
-    let warnings = if left_out > 0 { vec![warning] } else { Vec::new() };
+    warnings.extend((left_out > 0).then_some(warning));
     Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
 }
 

@@ -56,8 +56,8 @@ pub(super) fn build(mut set: Set) -> Result<Layout, AssetError> {
 fn add_house(set: &mut Set, place: &Vector3<f64>, size: f64) -> Result<f64, AssetError> {
     let [walls, roof, dark] =
         [set.material(Look::Masonry, 1.5)?, set.material(Look::Rich, 1.0)?, set.material(Look::Any, 0.6)?];
-    let [width, depth, height] = [(5.0, 9.0), (4.0, 7.0), (3.0, 6.5)]
-        .map(|(least, most)| size * set.rng.random_range(least..most));
+    let [width, depth, height] =
+        [(5.0, 9.0), (4.0, 7.0), (3.0, 6.5)].map(|(least, most)| size * set.rng.random_range(least..most));
     let middle = place + Vector3::new(0.0, 0.5 * depth, 0.0);
     block(set, [width, depth, height], &(middle + Vector3::z() * 0.5 * height), &walls);
     let bays = set.rng.random_range(2..5);

@@ -81,7 +81,14 @@ fn training_scene(
         .collect();
     let views = scene.views.iter().zip(&pinholes).map(|(view, &camera)| {
         let (image, depth, visibility) = files(&view.name)?;
-        Ok(TrainingView { image, depth, is_complete, visibility, camera, cam_from_world: view.cam_from_world })
+        Ok(TrainingView {
+            image,
+            depth,
+            is_complete,
+            visibility,
+            camera,
+            cam_from_world: view.cam_from_world,
+        })
     });
     Ok(TrainingScene {
         name: folder.file_name().and_then(OsStr::to_str).unwrap_or("scene").to_owned(),
