@@ -158,15 +158,12 @@ fn layout(folder: &Path) -> Option<SceneLayout> {
         }
         return is_dir("cams").then_some(SceneLayout::Mvsnet);
     }
-    let names: Vec<String> = std::fs::read_dir(folder).ok()?.flatten().map(file_name).collect();
+    let entries = std::fs::read_dir(folder).ok()?.flatten();
+    let names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     if names.iter().any(|name| name.ends_with("_par.txt")) {
         return Some(SceneLayout::Middlebury);
     }
     names.iter().any(|name| name.ends_with(".pose.txt")).then_some(SceneLayout::Frames)
-}
-
-fn file_name(entry: std::fs::DirEntry) -> String {
-    entry.file_name().to_string_lossy().into_owned()
 }
 
 #[cfg(test)]
@@ -181,9 +178,18 @@ mod tests {
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();
             crate::files::save(&path, "x").unwrap();
         };
-        ["a/images/1.png", "a/sparse/0/cameras.bin", "b/images/1.png", "b/cams/1_cam.txt"].map(file);
-        ["dino_sparse_ring/d_par.txt", "f/frame-1.pose.txt", "none/readme.md", "c/images/1.png"].map(file);
-        ["c/sparse/cameras.txt"].map(file);
+        let of_scenes = [
+            "a/images/1.png",
+            "a/sparse/0/cameras.bin",
+            "b/images/1.png",
+            "b/cams/1_cam.txt",
+            "c/images/1.png",
+            "c/sparse/cameras.txt",
+            "dino_sparse_ring/d_par.txt",
+            "f/frame-1.pose.txt",
+            "none/readme.md",
+        ];
+        of_scenes.iter().for_each(|path| file(path));
         let scenes = find(folder.path(), &[]).unwrap();
         let found: Vec<_> = scenes.iter().map(|scene| (scene.name.as_str(), scene.layout.clone())).collect();
         let model = |path: &str| SceneLayout::Colmap(folder.path().join(path));

@@ -71,7 +71,7 @@ fn means(rows: &[Row], role: Role) -> Vec<(&str, Explained)> {
 impl Row {
     fn line(&self) -> String {
         let Self { scene, label, points, .. } = self;
-        let sky = self.sky.map_or(String::new(), |sky| percent(sky));
+        let sky = self.sky.map_or(String::new(), percent);
         let held = self.held_back.map_or("| | ".to_owned(), |Explained { covered, error, right }| {
             format!("{} | {error:.2} | {}", percent(covered), percent(right))
         });

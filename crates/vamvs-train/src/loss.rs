@@ -155,6 +155,25 @@ mod tests {
         StageOutput { u: row(u), costs: None, before, ground_truth: row(ground_truth), step }
     }
 
+    fn plane_costs(stage: &StageOutput, costs: Tensor) -> PlaneCosts {
+        PlaneCosts { costs, true_plane: stage.ground_truth.shallow_clone() }
+    }
+
+    #[test]
+    fn surfaces_are_learned_where_it_is_known_whether_there_is_one() {
+        let nan = f32::NAN;
+        let surface = Tensor::from_slice(&[0.9_f32, 0.2, 0.6]);
+        let truth = |values: [f32; 3]| Some((surface.shallow_clone(), Tensor::from_slice(&values)));
+        let output = |surface| Output { stages: Vec::new(), visibility: Vec::new(), surface };
+        let options = LossOptions { surface: 0.5, ..LossOptions::default() };
+        let total = |truth, learning| losses(&output(truth), 2, learning, &options).unwrap().total;
+        let found = value(&total(truth([1.0, 0.0, nan]), Learning::Coarse).unwrap());
+        let expected = -0.5 * (0.9_f64.ln() + 0.8_f64.ln()) / 2.0;
+        assert!((found - expected).abs() < 1e-6, "{found} is not {expected}");
+        assert!(total(truth([nan; 3]), Learning::Coarse).is_none());
+        assert!(total(truth([1.0, 0.0, nan]), Learning::Flow).is_none(), "the flow does not change it");
+    }
+
     #[test]
     fn each_stage_is_in_units_of_its_hypotheses_and_unknown_pixels_do_not_count() {
         let nan = f32::NAN;
@@ -167,6 +186,7 @@ mod tests {
                 (Tensor::from_slice(&[0.5_f32, 1.0]), Tensor::from_slice(&[1.0_f32, nan])),
                 (Tensor::from_slice(&[0.0_f32, 0.9]), Tensor::from_slice(&[0.0_f32, 1.0])),
             ],
+            surface: None,
         };
         let options = LossOptions { visibility: 0.1, flow_reach: 2.0, cross_entropy: 0.0, surface: 0.0 };
         let losses = losses(&output, 2, Learning::All, &options).unwrap();
@@ -180,10 +200,13 @@ mod tests {
     #[test]
     fn where_the_flow_learns_alone_its_loss_alone_is_minimised() {
         let mut coarse = stage(&[1.0], &[], &[2.0], 1.0);
-        coarse.costs = Some(Tensor::zeros([8, 1, 1], (Kind::Float, tch::Device::Cpu)));
+        coarse.costs = Some(plane_costs(&coarse, Tensor::zeros([8, 1, 1], (Kind::Float, tch::Device::Cpu))));
         let mask = (Tensor::from_slice(&[0.5_f32]), Tensor::from_slice(&[1.0_f32]));
-        let output =
-            Output { stages: vec![coarse, stage(&[1.5], &[1.0], &[2.0], 1.0)], visibility: vec![mask] };
+        let output = Output {
+            stages: vec![coarse, stage(&[1.5], &[1.0], &[2.0], 1.0)],
+            visibility: vec![mask],
+            surface: None,
+        };
         let losses = losses(&output, 2, Learning::Flow, &LossOptions::default()).unwrap();
         assert_eq!((losses.stages, losses.visibility), (vec![1.0, 0.5], 0.5));
         assert_eq!(value(&losses.total.unwrap()), 0.5);
@@ -191,7 +214,11 @@ mod tests {
 
     #[test]
     fn without_truth_there_is_nothing_to_learn() {
-        let output = Output { stages: vec![stage(&[1.0], &[], &[f32::NAN], 1.0)], visibility: Vec::new() };
+        let output = Output {
+            stages: vec![stage(&[1.0], &[], &[f32::NAN], 1.0)],
+            visibility: Vec::new(),
+            surface: None,
+        };
         let losses = losses(&output, 2, Learning::All, &LossOptions::default()).unwrap();
         assert!(losses.total.is_none() && losses.stages[0].is_nan());
     }
@@ -213,8 +240,8 @@ mod tests {
     fn with_cross_entropy_a_coarse_depth_far_off_pulls_on_probabilities_alone() {
         let costs = Tensor::zeros([8, 1, 2], (Kind::Float, tch::Device::Cpu));
         let mut coarse = stage(&[1.0, 6.5], &[], &[7.0, 6.0], 1.0);
-        coarse.costs = Some(costs);
-        let output = Output { stages: vec![coarse], visibility: Vec::new() };
+        coarse.costs = Some(plane_costs(&coarse, costs));
+        let output = Output { stages: vec![coarse], visibility: Vec::new(), surface: None };
         let options = LossOptions { cross_entropy: 0.5, ..LossOptions::default() };
         let total = value(&losses(&output, 2, Learning::Coarse, &options).unwrap().total.unwrap());
         assert!((total - (0.5 * 8.0_f64.ln() + 0.5)).abs() < 1e-6, "{total}");

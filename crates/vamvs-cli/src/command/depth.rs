@@ -95,6 +95,7 @@ pub fn prepared(settings: &Settings, out: &OutputFolder, progress: &Progress) ->
     out.expect_apart(settings.input.cams.as_deref())?;
     let inputs = settings.input.given().chain([loaded.images.as_path()]);
     settings.export.expect_apart(out.root(), inputs)?;
+    super::expect_masks(settings.input.masks.as_deref(), &loaded.scene.views)?;
     Ok(settings.reconstruction(loaded)?.prepare(&mut |event| progress.show(event))?)
 }
 

@@ -23,6 +23,7 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     settings.apply_export(&arguments.export);
     let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
     let maps = Maps::open(&arguments.depths, masks(arguments)?, &mut |event| progress.show(event))?;
+    super::expect_masks(arguments.masks.as_deref(), &maps.scene().views)?;
     let cloud = arguments.out.clone().unwrap_or_else(|| maps.default_cloud());
     let wants_page = !arguments.no_report;
     if matches!(arguments.step.step, None | Some(FusionTask::Concatenate)) {

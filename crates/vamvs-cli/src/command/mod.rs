@@ -16,7 +16,11 @@ mod tasks;
 #[cfg(feature = "net")]
 mod train;
 
+use std::path::Path;
+
 use anyhow::{Result, bail};
+use vamvs::core::View;
+use vamvs::io::masks::Masks;
 use vamvs::output::LeftOut;
 
 use crate::arguments::{Arguments, Command, CommonFlags};
@@ -41,6 +45,36 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Completions(arguments) => manual::completions(arguments),
         Command::Man(arguments) => manual::run(arguments),
     }
+}
+
+/// Refuses a folder of masks, given by a flag, that has none of any view.
+fn expect_masks(folder: Option<&Path>, views: &[View]) -> Result<()> {
+    let Some((folder, first)) = folder.filter(|folder| folder.is_dir()).zip(views.first()) else {
+        return Ok(());
+    };
+    let masks = Masks::Folder(folder.to_owned());
+    if views.iter().any(|view| masks.find(&view.name).is_some()) {
+        return Ok(());
+    }
+    let mut there: Vec<String> = std::fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
+    there.sort();
+    let found = match there.len() {
+        0 => "an empty folder".to_owned(),
+        1..=3 => there.join(", "),
+        _ => format!("{}, …", there[..3].join(", ")),
+    };
+    let stem = Path::new(&first.name).with_extension("");
+    let (name, stem) = (&first.name, stem.display());
+    bail!(
+        "--masks {}: none of the {} views has a mask there: expected for {name} one of {name}.png, {stem}.png, {stem}_mask.png and {stem}.mask.png, found {found}",
+        folder.display(),
+        views.len()
+    )
 }
 
 /// With `--strict`, views that are left out are an error.

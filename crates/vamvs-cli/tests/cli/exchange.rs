@@ -109,6 +109,50 @@ fn parts_of_a_fusion_are_not_used_for_other_depth_maps() {
     assert!(std::fs::read(network.join("vamvs.ply")).unwrap() == cloud);
 }
 
+/// In UTM coordinates the floats of OpenMVS are half a metre apart: the export is moved to an origin of its own, which a file tells.
+#[test]
+fn a_scene_far_from_the_origin_is_moved_for_openmvs() {
+    let scene = Scene::new(128, 96, 4);
+    let folder = true_maps(&scene);
+    let far = nalgebra::Vector3::new(431_200.25, 5_412_300.5, 210.0);
+    for (index, view) in scene.views.iter().enumerate() {
+        let mut pose = view.photo.cam_from_world;
+        pose.translation -= pose.rotation * far;
+        let file = folder.root().join(format!("cams/{index:04}_cam.txt"));
+        vamvs::io::mvsnet::write_cam(&file, &view.photo.camera, &pose, None).unwrap();
+    }
+    let cloud = folder.root().join("fused.ply");
+    let output = vamvs().arg("fuse").arg(folder.root()).args(["--export", "openmvs"]).output().unwrap();
+    expect_success(&output);
+    assert!(stderr(&output).contains("the scene is moved by"), "{}", stderr(&output));
+    let exported = folder.root().join("openmvs");
+    let origin = std::fs::read_to_string(exported.join("origin.txt")).unwrap();
+    let origin: Vec<f64> = origin.split_whitespace().map(|word| word.parse().unwrap()).collect();
+    let origin = nalgebra::Vector3::from_column_slice(&origin);
+    assert!((origin - far).norm() < 20.0, "{origin}");
+    let moved = vamvs::io::openmvs::read_scene(&exported.join("scene.mvs"), None).unwrap().scene;
+    for (view, expected) in moved.views.iter().zip(&scene.views) {
+        let centre = view.cam_from_world.centre() + origin - far;
+        assert!((centre - expected.photo.cam_from_world.centre()).norm() < 1e-6);
+    }
+    let (whole, dense) = (
+        vamvs::io::ply::read(&cloud).unwrap(),
+        vamvs::io::ply::read(&exported.join("scene_dense.ply")).unwrap(),
+    );
+    assert!(whole.len() == dense.len() && !whole.is_empty());
+    for (world, local) in whole.iter().zip(&dense) {
+        let back = nalgebra::Vector3::from(local.x_in_world) + origin;
+        assert!((back - nalgebra::Vector3::from(world.x_in_world)).norm() < 1e-5);
+    }
+    // Near the origin nothing is moved, and the file goes.
+    for (index, view) in scene.views.iter().enumerate() {
+        let file = folder.root().join(format!("cams/{index:04}_cam.txt"));
+        vamvs::io::mvsnet::write_cam(&file, &view.photo.camera, &view.photo.cam_from_world, None).unwrap();
+    }
+    fuse(folder.root(), &["--export", "openmvs"]);
+    assert!(!exported.join("origin.txt").exists());
+}
+
 #[test]
 fn nothing_is_exported_over_what_is_read() {
     let scene = Scene::new(64, 48, 3);

@@ -59,6 +59,37 @@ fn true_depth_maps_give_a_cloud_on_the_true_surface() {
 }
 
 #[test]
+fn masks_that_match_no_view_are_an_error_that_names_what_was_sought_and_found() {
+    let scene = Scene::new(96, 64, 3);
+    let folder = true_maps(&scene);
+    let masks = scene.path("stencils");
+    std::fs::create_dir(&masks).unwrap();
+    let run = |command: &str| {
+        let mut run = vamvs();
+        match command {
+            "fuse" => run.arg("fuse").arg(folder.root()),
+            _ => run
+                .args(["depth", "--weights", "none", "--cams"])
+                .arg(scene.path("cams"))
+                .arg("--images")
+                .arg(scene.path("images"))
+                .arg("--out")
+                .arg(scene.path("other")),
+        };
+        run.arg("--masks").arg(&masks).output().unwrap()
+    };
+    for command in ["fuse", "depth"] {
+        assert!(error_of(&run(command)).contains("found an empty folder"));
+    }
+    write(&masks.join("m0.png"), "a mask of nothing");
+    for command in ["fuse", "depth"] {
+        let said = error_of(&run(command));
+        assert!(said.contains("none of the 3 views has a mask") && said.contains("0000_mask.png"), "{said}");
+        assert!(said.contains("found m0.png"), "{said}");
+    }
+}
+
+#[test]
 fn nothing_survives_absurdly_strict_filters_and_that_is_an_error_with_the_reasons() {
     let scene = Scene::new(96, 64, 3);
     let folder = true_maps(&scene);

@@ -137,7 +137,11 @@ impl<'a> Exporter<'a> {
         if let Some(colmap) = self.exports.colmap {
             colmap.finish(maps, &cameras, &points, self.cloud)?;
         }
-        self.exports.openmvs.map_or(Ok(()), |openmvs| openmvs.finish(maps, &cameras, &points))
+        let Some(openmvs) = self.exports.openmvs else { return Ok(()) };
+        if let Some(note) = openmvs.note() {
+            tell(on_event, Event::Warning(note))?;
+        }
+        openmvs.finish(maps, &cameras, &points)
     }
 }
 
