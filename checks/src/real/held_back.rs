@@ -100,24 +100,35 @@ fn projected(cloud: &[CloudPoint], shot: &Shot, size: Size) -> Grid<Option<[f64;
 /// The mean difference over the channels of each pair of colours, after gain and offset of each channel are fitted.
 fn errors(pairs: &[([f64; 3], [f64; 3])]) -> Vec<f64> {
     let mut errors = vec![0.0; pairs.len()];
-    let mut limit = f64::INFINITY;
-    for _ in 0..ROUNDS {
-        let fitted = [0, 1, 2].map(|c| {
-            let kept = pairs.iter().zip(&errors).filter(|(_, error)| **error <= limit);
-            fit(kept.map(|((cloud, photo), _)| (cloud[c], photo[c])))
-        });
+    // The median ratio is that of surfaces that are right, as long as half of them are.
+    let mut fitted =
+        [0, 1, 2].map(|c| (median_ratio(pairs.iter().map(|(cloud, photo)| (cloud[c], photo[c]))), 0.0));
+    for round in 0..=ROUNDS {
+        if round > 0 {
+            let mut sorted = errors.clone();
+            sorted.sort_by(f64::total_cmp);
+            let limit = 2.0 * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+            fitted = [0, 1, 2].map(|c| {
+                let kept = pairs.iter().zip(&errors).filter(|(_, error)| **error <= limit);
+                fit(kept.map(|((cloud, photo), _)| (cloud[c], photo[c])))
+            });
+        }
         for (error, (cloud, photo)) in errors.iter_mut().zip(pairs) {
             *error =
                 (0..3).map(|c| (fitted[c].0 * cloud[c] + fitted[c].1 - photo[c]).abs()).sum::<f64>() / 3.0;
         }
-        let mut sorted = errors.clone();
-        sorted.sort_by(f64::total_cmp);
-        limit = 2.0 * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     }
     errors
 }
 
-/// The gain and offset that map the first values to the second ones, by least squares; the identity if nothing tells them.
+/// The median of the second values divided by the first ones; 1 if there are none.
+fn median_ratio(pairs: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let mut ratios: Vec<f64> = pairs.map(|(a, b)| (b + 1.0) / (a + 1.0)).collect();
+    ratios.sort_by(f64::total_cmp);
+    ratios.get(ratios.len() / 2).copied().unwrap_or(1.0)
+}
+
+/// The gain and offset that map the first values to the second ones, by least squares; an offset alone if nothing tells a gain.
 fn fit(pairs: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
     let [mut n, mut x, mut y, mut xx, mut xy] = [0.0; 5];
     for (a, b) in pairs {
@@ -129,7 +140,7 @@ fn fit(pairs: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
     }
     let spread = n * xx - x * x;
     if spread <= 1e-9 * n * n {
-        return (1.0, 0.0);
+        return (1.0, (y - x) / n.max(1.0));
     }
     let gain = (n * xy - x * y) / spread;
     (gain, (y - gain * x) / n)

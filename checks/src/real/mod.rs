@@ -1,11 +1,11 @@
 //! `cargo xtask real`: the benchmark on real photographs, which are not in the repository.
 
 mod cameras;
+mod ground_truth;
 mod held_back;
 mod scenes;
 mod sky;
 mod table;
-mod truth;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -25,10 +25,10 @@ use crate::maps::Map;
 use crate::vamvs::{self, Summary};
 use crate::{files, frames};
 use cameras::Shot;
+use ground_truth::TrueView;
 use held_back::{Explained, explain};
 use scenes::{RealScene, Role, SceneLayout};
 use table::Row;
-use truth::TrueView;
 
 /// Measure reconstructions of real photographs, draw them, and write a table.
 ///
@@ -134,7 +134,7 @@ impl Real {
         for (name, maps) in others {
             let maps = maps.join(&scene.name);
             if maps.is_dir() {
-                rows.extend(self.beside(scene, name, &maps)?);
+                rows.extend(self.other_program(scene, name, &maps)?);
             }
         }
         Ok(())
@@ -157,7 +157,7 @@ impl Real {
     }
 
     /// Fuses and measures another program's depth maps, by both rules of consistency.
-    fn beside(&self, scene: &RealScene, name: &str, maps: &Path) -> Result<Vec<Row>> {
+    fn other_program(&self, scene: &RealScene, name: &str, maps: &Path) -> Result<Vec<Row>> {
         let mut rows = Vec::new();
         for (rule, flags) in [("", &[][..]), (", counted", &["--consistency", "classic"][..])] {
             let cloud = |maps: &Path, file: &str| -> Result<Vec<CloudPoint>> {
@@ -177,14 +177,14 @@ impl Real {
                 }
             }
             let sky = sky_share(scene, None, &views, &whole)?;
-            let truth = truth::read(scene, views)?;
+            let ground_truth = ground_truth::read(scene, views)?;
             rows.push(Row {
                 scene: scene.name.clone(),
                 role: scene.known.role,
                 label: format!("{name}{rule}"),
                 points: whole.len(),
                 sky,
-                truth: scored(scene, &truth, maps, &whole)?,
+                ground_truth: scored(scene, &ground_truth, maps, &whole)?,
                 held_back: Explained::mean(&held_back),
                 seconds: None,
                 peak_bytes: None,
@@ -226,14 +226,14 @@ impl Run<'_> {
         let (views, cloud) = (cameras::read(&out)?, ply::read(&out.join("fused.ply"))?);
         self.draw(&out, &views, &cloud)?;
         let sky = sky_share(self.scene, Some(&self.folder), &views, &cloud)?;
-        let truth = truth::read(self.scene, cameras::read(&out)?)?;
+        let ground_truth = ground_truth::read(self.scene, cameras::read(&out)?)?;
         let row = Row {
             scene: self.scene.name.clone(),
             role: self.scene.known.role,
             label: label.to_owned(),
             points: cloud.len(),
             sky,
-            truth: scored(self.scene, &truth, &out, &cloud)?,
+            ground_truth: scored(self.scene, &ground_truth, &out, &cloud)?,
             held_back: None,
             seconds,
             peak_bytes: Some(peak),
@@ -270,7 +270,7 @@ impl Run<'_> {
         let Some(middle) = views.get(views.len() / 2).filter(|_| !cloud.is_empty()) else { return Ok(()) };
         let surfels = Surfels::new(cloud);
         for (side, name) in [(-1.0, "left"), (1.0, "right")] {
-            let view = beside(middle, cloud, side);
+            let view = viewpoint_aside(middle, cloud, side);
             for (look, end) in [(Look::Colours, ""), (Look::Clay, "-shape")] {
                 let file = self.folder.join(format!("cloud-{name}{end}.png"));
                 image::save_png_rgb(&file, &surfels.render(&view, look))?;
@@ -333,15 +333,15 @@ fn sky_share(
 
 fn scored(
     scene: &RealScene,
-    truth: &[TrueView],
+    ground_truth: &[TrueView],
     out: &Path,
     cloud: &[CloudPoint],
-) -> Result<Option<(truth::Scores, [f64; 5])>> {
-    if truth.is_empty() {
+) -> Result<Option<(ground_truth::Scores, [f64; 5])>> {
+    if ground_truth.is_empty() {
         return Ok(None);
     }
     let thresholds = scene.known.thresholds;
-    Ok(Some((truth::scores(truth, out, cloud, &thresholds)?, thresholds)))
+    Ok(Some((ground_truth::scores(ground_truth, out, cloud, &thresholds)?, thresholds)))
 }
 
 /// A row of panels: photograph, depth, confident depth, confidence.
@@ -358,7 +358,7 @@ fn picture(shot: &Shot, map: &Map) -> Grid<vamvs_core::Rgb> {
 }
 
 /// The view from beside a camera, towards what it sees.
-fn beside(shot: &Shot, cloud: &[CloudPoint], side: f64) -> Viewpoint {
+fn viewpoint_aside(shot: &Shot, cloud: &[CloudPoint], side: f64) -> Viewpoint {
     let seen = |point: &CloudPoint| shot.pixel_of(&point.x_in_world).map(|(_, depth)| depth);
     let mut depths: Vec<f64> = cloud.iter().step_by(17).filter_map(seen).collect();
     depths.sort_by(f64::total_cmp);

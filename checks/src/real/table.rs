@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
+use super::ground_truth::Scores;
 use super::held_back::Explained;
 use super::scenes::Role;
-use super::truth::Scores;
 
 /// What was measured of a scene, reconstructed in one way.
 #[derive(Serialize)]
@@ -17,7 +17,7 @@ pub struct Row {
     /// The share of the points that is sky; `None` if the scene has no known sky.
     pub sky: Option<f64>,
     /// Scores against ground truth, and their thresholds.
-    pub truth: Option<(Scores, [f64; 5])>,
+    pub ground_truth: Option<(Scores, [f64; 5])>,
     /// The mean over the photographs that were held back.
     pub held_back: Option<Explained>,
     /// Time of a view, the whole program included.
@@ -39,7 +39,7 @@ pub fn markdown(rows: &[Row], failed: &[String]) -> String {
             format!("| **mean, {name}** | {label} | | | {covered} | {error:.2} | {right} | | |")
         }));
     }
-    if rows.iter().any(|row| row.truth.is_some()) {
+    if rows.iter().any(|row| row.ground_truth.is_some()) {
         lines.push(
             "\nAgainst ground truth: depths within shares of the depth, and F, precision and recall of the cloud at these shares of \
              the median depth, in per cent.\n"
@@ -47,7 +47,7 @@ pub fn markdown(rows: &[Row], failed: &[String]) -> String {
         );
         lines.push("| scene | | shares | depths | F | precision | recall |".to_owned());
         lines.push("|---|---|---|---|---|---|---|".to_owned());
-        lines.extend(rows.iter().filter_map(Row::truth_line));
+        lines.extend(rows.iter().filter_map(Row::ground_truth_line));
     }
     lines.extend(failed.iter().map(|problem| format!("\nFailed: {problem}")));
     lines.join("\n") + "\n"
@@ -82,8 +82,8 @@ impl Row {
         format!("| {scene} | {label} | {points} | {sky} | {held} | {seconds} | {peak} |")
     }
 
-    fn truth_line(&self) -> Option<String> {
-        let (scores, thresholds) = self.truth.as_ref()?;
+    fn ground_truth_line(&self) -> Option<String> {
+        let (scores, thresholds) = self.ground_truth.as_ref()?;
         let list = |values: [f64; 5]| values.map(|value| format!("{:.1}", 100.0 * value)).join(" ");
         let shares = thresholds.map(|share| format!("{}", 100.0 * share)).join(" ");
         let f = std::array::from_fn(|i| scores.f(i));

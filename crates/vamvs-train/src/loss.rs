@@ -163,15 +163,19 @@ mod tests {
     fn surfaces_are_learned_where_it_is_known_whether_there_is_one() {
         let nan = f32::NAN;
         let surface = Tensor::from_slice(&[0.9_f32, 0.2, 0.6]);
-        let truth = |values: [f32; 3]| Some((surface.shallow_clone(), Tensor::from_slice(&values)));
+        let ground_truth = |values: [f32; 3]| Some((surface.shallow_clone(), Tensor::from_slice(&values)));
         let output = |surface| Output { stages: Vec::new(), visibility: Vec::new(), surface };
         let options = LossOptions { surface: 0.5, ..LossOptions::default() };
-        let total = |truth, learning| losses(&output(truth), 2, learning, &options).unwrap().total;
-        let found = value(&total(truth([1.0, 0.0, nan]), Learning::Coarse).unwrap());
+        let total =
+            |ground_truth, learning| losses(&output(ground_truth), 2, learning, &options).unwrap().total;
+        let found = value(&total(ground_truth([1.0, 0.0, nan]), Learning::Coarse).unwrap());
         let expected = -0.5 * (0.9_f64.ln() + 0.8_f64.ln()) / 2.0;
         assert!((found - expected).abs() < 1e-6, "{found} is not {expected}");
-        assert!(total(truth([nan; 3]), Learning::Coarse).is_none());
-        assert!(total(truth([1.0, 0.0, nan]), Learning::Flow).is_none(), "the flow does not change it");
+        assert!(total(ground_truth([nan; 3]), Learning::Coarse).is_none());
+        assert!(
+            total(ground_truth([1.0, 0.0, nan]), Learning::Flow).is_none(),
+            "the flow does not change it"
+        );
     }
 
     #[test]

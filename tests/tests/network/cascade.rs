@@ -67,7 +67,7 @@ fn kernels_and_tensors_sweep_the_same_planes() {
     assert!(difference < 1e-3 * tensors.abs().max().double_value(&[]), "{difference}");
 }
 
-/// The second stage sharpens the first: its map has twice the resolution and is nearer to the truth. Most of a scene without
+/// The second stage sharpens the first: its map has twice the resolution and is nearer to the ground truth. Most of a scene without
 /// sky is a surface.
 #[test]
 fn the_second_stage_is_nearer_to_the_truth() {
@@ -95,8 +95,8 @@ fn error(view: &vamvs_tests::Rendered, planes: &Planes, u: &Tensor) -> f64 {
     let mut errors = Vec::new();
     for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
         let place = [x, y].map(|i| i as usize * scale + scale / 2);
-        let truth = planes.coordinate(f64::from(view.depth[(place[0], place[1])]));
-        errors.push((u.double_value(&[y, x]) - truth).abs());
+        let ground_truth = planes.coordinate(f64::from(view.depth[(place[0], place[1])]));
+        errors.push((u.double_value(&[y, x]) - ground_truth).abs());
     }
     errors.sort_by(f64::total_cmp);
     errors[errors.len() / 2]

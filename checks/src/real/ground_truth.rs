@@ -50,7 +50,7 @@ pub fn read(scene: &RealScene, views: Vec<Shot>) -> Result<Vec<TrueView>> {
         file if file.is_file() => Some(step(&file)?),
         _ => None,
     };
-    let mut truth = Vec::new();
+    let mut ground_truth = Vec::new();
     for shot in views {
         let file = gt.join(format!("{}.png", shot.name));
         let depth = match scale {
@@ -60,9 +60,9 @@ pub fn read(scene: &RealScene, views: Vec<Shot>) -> Result<Vec<TrueView>> {
             }
             _ => continue,
         };
-        truth.push(TrueView { shot, depth });
+        ground_truth.push(TrueView { shot, depth });
     }
-    Ok(truth)
+    Ok(ground_truth)
 }
 
 fn step(file: &Path) -> Result<f64> {
@@ -72,10 +72,15 @@ fn step(file: &Path) -> Result<f64> {
 }
 
 /// Compares the depth maps in the folder `out` and a cloud with the ground truth.
-pub fn scores(truth: &[TrueView], out: &Path, cloud: &[CloudPoint], thresholds: &[f64; 5]) -> Result<Scores> {
+pub fn scores(
+    ground_truth: &[TrueView],
+    out: &Path,
+    cloud: &[CloudPoint],
+    thresholds: &[f64; 5],
+) -> Result<Scores> {
     let mut scores = Scores::default();
     let (mut within, mut known) = ([0_usize; 5], 0_usize);
-    for TrueView { shot, depth } in truth {
+    for TrueView { shot, depth } in ground_truth {
         let file = out.join("depths").join(format!("{}.pfm", shot.name));
         let map = if file.is_file() { pfm::read_depth(&file)? } else { Grid::filled(depth.size(), 0.0) };
         for (x, y) in places(depth) {
@@ -86,9 +91,9 @@ pub fn scores(truth: &[TrueView], out: &Path, cloud: &[CloudPoint], thresholds: 
         }
     }
     scores.within = within.map(|count| count as f64 / known.max(1) as f64);
-    let distances = thresholds.map(|share| share * median_depth(truth));
-    let points = thin(&surface(truth), 0.5 * distances[0], 0)?;
-    let judged = judged(truth, cloud, HIDDEN * thresholds[4]);
+    let distances = thresholds.map(|share| share * median_depth(ground_truth));
+    let points = thin(&surface(ground_truth), 0.5 * distances[0], 0)?;
+    let judged = judged(ground_truth, cloud, HIDDEN * thresholds[4]);
     let errors = CloudDistances::between(&judged, &points).errors(&distances);
     for (i, agreement) in errors.agreement.iter().enumerate() {
         (scores.precision[i], scores.recall[i]) = (agreement.precision, agreement.recall);
@@ -109,15 +114,19 @@ fn scaled<A, B>((x, y): (usize, usize), from: &Grid<A>, to: &Grid<B>) -> (usize,
     (at(x, from.width(), to.width()), at(y, from.height(), to.height()))
 }
 
-fn median_depth(truth: &[TrueView]) -> f64 {
-    let mut depths: Vec<f32> =
-        truth.iter().flat_map(|view| view.depth.data()).copied().filter(|depth| is_valid(*depth)).collect();
+fn median_depth(ground_truth: &[TrueView]) -> f64 {
+    let mut depths: Vec<f32> = ground_truth
+        .iter()
+        .flat_map(|view| view.depth.data())
+        .copied()
+        .filter(|depth| is_valid(*depth))
+        .collect();
     depths.sort_by(f32::total_cmp);
     depths.get(depths.len() / 2).map_or(1.0, |&depth| f64::from(depth))
 }
 
 /// Points of the true surface in the world, one for each known pixel.
-fn surface(truth: &[TrueView]) -> Vec<[f64; 3]> {
+fn surface(ground_truth: &[TrueView]) -> Vec<[f64; 3]> {
     let of_view = |TrueView { shot, depth }: &TrueView| {
         let world_from_cam = shot.cam_from_world.inverse();
         let camera = shot.camera.resized(depth.size());
@@ -127,14 +136,14 @@ fn surface(truth: &[TrueView]) -> Vec<[f64; 3]> {
         };
         places(depth).map(point).collect::<Vec<[f64; 3]>>()
     };
-    truth.iter().flat_map(of_view).collect()
+    ground_truth.iter().flat_map(of_view).collect()
 }
 
 /// The points of a cloud about which the ground truth says something: they are seen by a view that knows the depth there,
 /// and are not hidden behind it.
-fn judged(truth: &[TrueView], cloud: &[CloudPoint], hidden: f64) -> Vec<[f64; 3]> {
+fn judged(ground_truth: &[TrueView], cloud: &[CloudPoint], hidden: f64) -> Vec<[f64; 3]> {
     let is_known = |point: &Vector3<f64>| {
-        truth.iter().any(|TrueView { shot, depth }| {
+        ground_truth.iter().any(|TrueView { shot, depth }| {
             let Some((pixel, z)) = shot.pixel_of(&(*point).into()) else { return false };
             let true_depth = depth[scaled(pixel, &shot.photo, depth)];
             is_valid(true_depth) && z <= f64::from(true_depth) * (1.0 + hidden)
@@ -159,7 +168,7 @@ mod tests {
             cam_from_world: Pose::identity(),
             photo: Grid::filled(size, [0; 3]),
         };
-        let truth = [TrueView { shot: shot(), depth: Grid::filled(size, 4.0) }];
+        let ground_truth = [TrueView { shot: shot(), depth: Grid::filled(size, 4.0) }];
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("depths")).unwrap();
         let half = |x: usize, _| if x < 20 { 4.04 } else { 0.0 };
@@ -175,11 +184,11 @@ mod tests {
                 views: 2,
             }
         };
-        let places = surface(&truth);
+        let places = surface(&ground_truth);
         let mut cloud: Vec<CloudPoint> = places.iter().take(600).copied().map(point(4.0)).collect();
         cloud.extend(places.iter().take(600).copied().map(point(3.5))); // before the surface: wrong
         cloud.extend(places.iter().copied().map(point(6.0))); // hidden behind it
-        let found = scores(&truth, folder.path(), &cloud, &thresholds).unwrap();
+        let found = scores(&ground_truth, folder.path(), &cloud, &thresholds).unwrap();
         assert_eq!(found.within, [0.0, 0.0, 0.0, 0.5, 0.5]);
         assert!((found.precision[0] - 0.5).abs() < 1e-9, "{found:?}");
         assert!((found.recall[0] - 0.5).abs() < 0.03 && found.f(0) > 0.48, "{found:?}");
