@@ -29,6 +29,7 @@ const DOCUMENTS: [&str; 19] = [
     "workflow/Snakefile",
     "workflow/slurm.sh",
     "crates/vamvs-python/README.md",
+    "weights/cascade.md",
     "weights/hold-out.txt",
     "weights/photometric.md",
     "weights/var.md",
