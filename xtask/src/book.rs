@@ -15,7 +15,7 @@ use crate::{cargo, setup};
 const MDBOOK: &str = "0.5.4";
 
 /// Documents outside `docs/`, and files that documents link to. All of `docs/` is in the book too.
-const DOCUMENTS: [&str; 19] = [
+const DOCUMENTS: [&str; 20] = [
     "README.md",
     "ARCHITECTURE.md",
     "CITATION.cff",
