@@ -26,12 +26,25 @@ STRIDES = (4, 8)  # strides of the coarse features
 WIDTHS = (8, 16, 32, 64)  # channels of the volume at full resolution, 1/2, 1/4, 1/8
 CASCADE_PLANES, CASCADE_STEP = 8, 0.5  # planes of the second volume, and their distance in planes of the first
 EVIDENCE = 6  # channels of what the volumes tell of a surface
+REACH = 4.0  # planes between two depths beyond which they are just different
 SLAB = 16  # planes that go through the first and the last layers at once
 
 
 def enlarged(x: Tensor) -> Tensor:
     """Bilinear upsampling by 2 that keeps the positions of pixel centres."""
     return F.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+
+
+def doubled(x: Tensor) -> Tensor:
+    """Each pixel twice in both directions."""
+    return F.interpolate(x, scale_factor=2.0, mode="nearest")
+
+
+def around(x: Tensor) -> list[Tensor]:
+    """An image and its eight shifts by one pixel, in rows, with the border repeated: nine images of its shape."""
+    h, w = x.shape[2], x.shape[3]
+    wide = F.pad(x, [1, 1, 1, 1], mode="replicate")
+    return [wide[:, :, k // 3 : k // 3 + h, k % 3 : k % 3 + w] for k in range(9)]
 
 
 class Even(nn.Module):
@@ -242,6 +255,39 @@ class Surface(nn.Module):
         return torch.sigmoid(self.judge(x + F.relu(self.wide(x))))
 
 
+class Enlarge(nn.Module):
+    """Which of the nine coarse pixels around a pixel is of the same surface (as in RAFT, Teed and Deng, ECCV 2020): the
+    coarse depth in plane coordinates (1, 1, h, w) and the features of the reference view at both resolutions,
+    (1, C, h, w) and (1, C, 2h, 2w) → shares (1, 9, 2h, 2w), rows first, whose sum is 1. Untrained they are those of bilinear
+    interpolation."""
+
+    bilinear: Tensor
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.reach = REACH
+        self.look = nn.Conv2d(channels, 16, 3, padding=1)
+        self.weigh = nn.Conv2d(16 + 3 * 9, 32, 1)
+        self.choose = nn.Conv2d(32, 9, 1)
+        nn.init.zeros_(self.choose.weight)
+        assert self.choose.bias is not None
+        nn.init.zeros_(self.choose.bias)
+        side = torch.tensor([[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]])  # of the first and the second pixel of two
+        shares = side[:, None, :, None] * side[None, :, None, :]
+        self.register_buffer("bilinear", torch.log(shares + 0.01).permute(2, 3, 0, 1).reshape(1, 9, 2, 2))
+
+    def forward(self, depth: Tensor, coarse: Tensor, reference: Tensor) -> Tensor:
+        h, w = depth.shape[2], depth.shape[3]
+        depths = around(depth)
+        steps = torch.cat([(other - depth).clamp(-self.reach, self.reach) / self.reach for other in depths], dim=1)
+        fine = F.normalize(reference, dim=1)
+        others = around(F.normalize(coarse, dim=1))
+        alike = torch.cat([(fine * doubled(other)).sum(1, keepdim=True) for other in others], dim=1)
+        bilinear = self.bilinear.repeat(1, 1, h, w)
+        x = torch.cat([F.relu(self.look(reference)), doubled(steps), alike, bilinear], dim=1)
+        return torch.softmax(bilinear + self.choose(F.relu(self.weigh(x))), dim=1)
+
+
 class VisCorr(nn.Module):
     """The network; `stride` is that of the coarse features and of the coarse depth map. As a `cascade` it has a second
     volume."""
@@ -289,6 +335,7 @@ class VisCorr(nn.Module):
         if cascade:
             self.fine = SmallVolumeNet(groups, coarse, norm)
             self.surface_net = Surface(coarse)
+            self.enlarge_net = Enlarge(coarse)
         self.seen = nn.Sequential(Conv2d(2 * groups, 16, 3, 1, norm), Conv2d(16, 16, 3, 1, norm), nn.Conv2d(16, 1, 1))
 
     @torch.jit.export
@@ -327,6 +374,12 @@ class VisCorr(nn.Module):
     def regularize_fine(self, volume: Tensor, reference: Tensor) -> Tensor:
         if self.cascade:
             return self.fine(volume, reference)
+        raise RuntimeError("this network is no cascade")
+
+    @torch.jit.export
+    def enlarge(self, depth: Tensor, coarse: Tensor, reference: Tensor) -> Tensor:
+        if self.cascade:
+            return self.enlarge_net(depth, coarse, reference)
         raise RuntimeError("this network is no cascade")
 
     @torch.jit.export

@@ -238,7 +238,7 @@ fn all_parts_of_a_cascade_learn() {
     };
     let before = cascade().parameters().unwrap();
     let after = train(&job, cascade(), &mut |_| ()).unwrap().parameters().unwrap();
-    for part in ["pyramid", "volume", "seen", "fine", "surface_net"] {
+    for part in ["pyramid", "volume", "seen", "fine", "surface_net", "enlarge_net"] {
         let mut of_part = before.iter().zip(&after).filter(|((name, _), _)| name.starts_with(part));
         assert!(of_part.any(|((_, before), (_, after))| !before.equal(after)), "{part}");
     }

@@ -4,11 +4,12 @@ use std::num::NonZeroUsize;
 
 use crate::depth_completion::Completion;
 use serde::{Deserialize, Serialize};
-use tch::{Kind, TchError, Tensor};
+use tch::{TchError, Tensor};
 use vamvs_core::{DepthMap, Grid, MonotoneMap, Photo, Pinhole, Planes, Rgb, Size};
 
+use crate::cascade::{Fine, enlarged, keep_surfaces};
 use crate::coarse::{PlaneMap, soft_argmin, where_unsure};
-use crate::cost_volume::{self, CostVolume, Costs, SweepInputs};
+use crate::cost_volume::{self, Costs, SweepInputs};
 use crate::encode::LARGEST_STRIDE;
 use crate::manifest::check_iterations;
 use crate::point_flow::{FlowStage, upsample_nearest};
@@ -113,21 +114,6 @@ pub struct Coarse {
     /// The costs of the planes, (1, D, h, w); a low cost is likely.
     pub costs: Tensor,
     /// vis-var and vis-corr: the visibility mask of each source view, (1, 1, h, w) in [0, 1]; else empty.
-    pub visibility: Vec<Tensor>,
-}
-
-/// The output of a cascade's second stage: planes around the coarse depth at twice its resolution.
-#[derive(Debug)]
-pub struct Fine {
-    /// The depth map, (h, w).
-    pub map: PlaneMap,
-    /// The costs of the planes, (1, K, h, w); a low cost is likely.
-    pub costs: Tensor,
-    /// The depth that the planes lie around, (h, w), in plane coordinates: the coarse map enlarged.
-    pub around: Tensor,
-    /// The probability that a pixel shows a surface inside the depth range, (h, w) in [0, 1].
-    pub surface: Tensor,
-    /// The visibility mask of each source view, (1, 1, h, w) in [0, 1]: those of the coarse stage enlarged.
     pub visibility: Vec<Tensor>,
 }
 
@@ -443,53 +429,6 @@ impl Estimator {
         Ok(Coarse { map, costs, visibility })
     }
 
-    /// A cascade's second stage, around the map of the first one and with its weights of the views. The network must be a
-    /// cascade.
-    ///
-    /// # Errors
-    /// As [`Estimator::estimate`].
-    pub fn fine(
-        &self,
-        reference: &EncodedView,
-        sources: &[&EncodedView],
-        planes: &Planes,
-        coarse: &Coarse,
-        profile: &mut Profile,
-    ) -> Result<Fine, NetError> {
-        let (network, slab_bytes) = (&self.network, self.options.slab_bytes);
-        let Manifest { cascade, window, .. } = network.manifest();
-        let Some(cascade) = *cascade else {
-            return Err(NetError::Request("a second stage needs a network that is a cascade".to_owned()));
-        };
-        let size = reference.size_at(reference.stride);
-        let around = enlarged_depth(&coarse.map.u, size)?.f_detach()?;
-        let visibility: Vec<Tensor> =
-            coarse.visibility.iter().map(|mask| enlarged(mask, size)).collect::<Result<_, _>>()?;
-        let inputs =
-            SweepInputs { network, reference, sources, planes, level: 0, around: Some(&around), slab_bytes };
-        let masks = visibility.iter().map(Tensor::shallow_clone).collect();
-        let CostVolume { volume, .. } =
-            profile.time(Stage::Sweep, || cost_volume::sweep(&inputs, Some(masks)))?;
-        let costs = profile.time(Stage::Regularize, || cost_volume::regularize(&inputs, &volume))?;
-        let PlaneMap { u: place, confidence } = soft_argmin(&costs, *window)?;
-        let from_middle = place.f_sub_scalar(0.5 * (cascade.planes - 1) as f64)?;
-        let u = around.f_add(&from_middle.f_mul_scalar(cascade.step)?)?;
-        let as_images = |map: &Tensor| map.f_unsqueeze(0)?.f_unsqueeze(0);
-        let coarse_confidence = enlarged(&as_images(&coarse.map.confidence)?, size)?;
-        let evidence = [
-            coarse_confidence.shallow_clone(),
-            enlarged(&spread_of(&coarse.costs)?, size)?,
-            as_images(&confidence)?,
-            volume.f_mean_dim([1].as_slice(), false, Kind::Float)?.f_amax([1], true)?,
-            Tensor::f_cat(&visibility, 1)?.f_mean_dim([1].as_slice(), true, Kind::Float)?,
-            as_images(&u)?.f_div_scalar((planes.count - 1) as f64)?,
-        ];
-        let evidence = Tensor::f_cat(&evidence, 1)?.f_detach()?;
-        let surface = network.surface(&evidence, &reference.coarse[0])?.f_squeeze_dims([0, 1].as_slice())?;
-        let confidence = confidence.f_mul(&coarse_confidence.f_squeeze_dims([0, 1].as_slice())?)?;
-        Ok(Fine { map: PlaneMap { u, confidence }, costs, around, surface, visibility })
-    }
-
     /// The inputs of one flow iteration (sections 3.3 and 3.4), with the visibility masks of the coarse stage. If the
     /// manifest has `flow_sources`, only that many of the first source views are used.
     #[must_use]
@@ -570,51 +509,6 @@ struct Stages {
     visibility: Vec<Tensor>,
     /// Of a cascade: the probability of a surface, (h, w) at the coarse stride.
     surface: Option<Tensor>,
-}
-
-/// Pixels that are less likely than this to show a surface have no depth.
-const LEAST_SURFACE: f32 = 0.5;
-
-/// Where there may be no surface, there is less confidence in a depth; where there likely is none, there is no depth.
-fn keep_surfaces(map: &mut DepthMap, surface: &Grid<f32>) {
-    let width = map.depth.width();
-    let pixels = map.depth.data_mut().iter_mut().zip(map.confidence.data_mut());
-    for (at, (depth, confidence)) in pixels.enumerate() {
-        let surface = surface[(at % width, at / width)];
-        *confidence *= surface;
-        if surface < LEAST_SURFACE {
-            (*depth, *confidence) = (0.0, 0.0);
-        }
-    }
-}
-
-/// A map (1, 1, h, w) enlarged bilinearly to this size.
-fn enlarged(map: &Tensor, size: Size) -> Result<Tensor, TchError> {
-    map.f_upsample_bilinear2d([size.height as i64, size.width as i64], false, None, None)
-}
-
-/// Depths of neighbouring pixels that differ by more than this are of different surfaces; plane distances.
-const ONE_SURFACE: f64 = 1.0;
-
-/// A depth map (h, w) in plane coordinates enlarged to this size: between pixels of one surface bilinearly, else the
-/// depth of the nearest pixel.
-fn enlarged_depth(u: &Tensor, size: Size) -> Result<Tensor, TchError> {
-    let u = u.f_unsqueeze(0)?.f_unsqueeze(0)?;
-    let (between, nearest) = (enlarged(&u, size)?, {
-        let sides = [size.height as i64, size.width as i64];
-        u.f_upsample_nearest2d(sides, None, None)?
-    });
-    let is_one = between.f_sub(&nearest)?.f_abs()?.f_le(0.5 * ONE_SURFACE)?;
-    between.f_where_self(&is_one, &nearest)?.f_squeeze_dims([0, 1].as_slice())
-}
-
-/// How widely the probability of costs (1, D, h, w) is spread over the planes: its entropy as a share of the largest,
-/// (1, 1, h, w).
-fn spread_of(costs: &Tensor) -> Result<Tensor, TchError> {
-    let logs = costs.f_neg()?.f_log_softmax(1, Kind::Float)?;
-    let entropy =
-        logs.f_exp()?.f_mul(&logs)?.f_sum_dim_intlist([1].as_slice(), true, Kind::Float)?.f_neg()?;
-    entropy.f_div_scalar((costs.size()[1] as f64).ln())
 }
 
 /// A mask (1, 1, h, w) averaged down to half its size.

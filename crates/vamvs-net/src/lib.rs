@@ -12,6 +12,7 @@
 //! reference view's depth range, so nothing depends on the scene's scale or frame.
 
 pub mod aggregate;
+pub mod cascade;
 pub mod coarse;
 pub mod correlate;
 pub mod cost_volume;
@@ -36,7 +37,7 @@ pub use aggregate::Aggregation;
 pub use device::{Device, free_device_memory, open_device};
 pub use encode::EncodedView;
 pub use error::NetError;
-pub use estimator::{Coarse, Estimator, EstimatorOptions, Fine};
+pub use estimator::{Coarse, Estimator, EstimatorOptions};
 pub use manifest::{Cascade, Iteration, Manifest};
 pub use profile::{Profile, Stage};
 pub use script::{Mode, Network};

@@ -268,6 +268,9 @@ impl Network {
             let _costs = self.regularize_fine(&volume, coarse)?;
             let evidence = Tensor::f_rand([1, EVIDENCE, h, w], (Kind::Float, self.device))?;
             let _surface = self.surface(&evidence, coarse)?;
+            let small = coarse.f_narrow(2, 0, h / 2)?.f_narrow(3, 0, w / 2)?;
+            let depth = Tensor::f_rand([h / 2, w / 2], (Kind::Float, self.device))?;
+            let _shares = self.enlarge_depth(&depth, &small, coarse)?;
         }
         let mut first_layers = 0;
         if self.manifest.slabs {
@@ -421,7 +424,23 @@ impl Network {
         Ok(costs)
     }
 
-    /// What a cascade's volumes tell of surfaces (1, 6, h, w; see [`crate::estimator::Fine`]) and the coarse features of the
+    /// A cascade's first depth map (h, w) in plane coordinates, and the coarse features of the reference view in the photograph
+    /// at half its size (1, C, h, w) and as it is (1, C, 2h, 2w) → shares of the 3×3 pixels around each (1, 9, 2h, 2w).
+    pub(crate) fn enlarge_depth(
+        &self,
+        depth: &Tensor,
+        coarse: &Tensor,
+        reference: &Tensor,
+    ) -> Result<Tensor, NetError> {
+        let (n, _, h, w) = reference.size4()?;
+        let expected = "(depth (1, 1, h, w), coarse (1, C, h, w), ref (1, C, 2h, 2w)) → (1, 9, 2h, 2w)";
+        let depth = depth.f_unsqueeze(0)?.f_unsqueeze(0)?;
+        let shares = self.call("enlarge", expected, &[&depth, coarse, reference])?;
+        self.check("enlarge", &shares, &[Some(n), Some(9), Some(h), Some(w)])?;
+        Ok(shares)
+    }
+
+    /// What a cascade's volumes tell of surfaces (1, 6, h, w; see [`crate::cascade::Fine`]) and the coarse features of the
     /// reference view (1, C, h, w) → probability of a surface (1, 1, h, w).
     pub(crate) fn surface(&self, evidence: &Tensor, reference: &Tensor) -> Result<Tensor, NetError> {
         let (n, _, h, w) = evidence.size4()?;

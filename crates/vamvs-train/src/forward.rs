@@ -6,6 +6,7 @@
 //! map would have at these pixels.
 
 use tch::Tensor;
+use vamvs_net::cascade::Parents;
 use vamvs_net::{Estimator, Iteration, Profile};
 
 use crate::TrainError;
@@ -43,6 +44,9 @@ pub struct Output {
     /// Of a cascade: the probability that a pixel shows a surface inside the depth range, (h, w), and whether it does: 1, 0,
     /// or NaN where that is unknown.
     pub surface: Option<(Tensor, Tensor)>,
+    /// Of a cascade: the coarse pixels from which the second stage's middle depths were enlarged, with the ground truth,
+    /// (h, w), NaN where unknown.
+    pub parents: Option<(Parents, Tensor)>,
 }
 
 /// Which stages are run, and which of them are trained.
@@ -100,13 +104,14 @@ pub fn forward(
         before: None,
         step: 1.0,
     }];
-    let mut surface = None;
+    let (mut surface, mut parents) = (None, None);
     if let Some((cascade, fine)) = fine {
         let all = DilationPhase { stride: feature_stride, scale: feature_stride, ..all };
         let ground_truth = all.ground_truth(sample, &fine.map.u)?;
         let from_middle = ground_truth.f_sub(&fine.around)?.f_div_scalar(cascade.step)?;
         let true_plane = from_middle.f_add_scalar(0.5 * (cascade.planes - 1) as f64)?;
         surface = Some((fine.surface.shallow_clone(), all.is_surface(sample, &fine.surface)?));
+        parents = Some((fine.parents, ground_truth.shallow_clone()));
         stages.push(StageOutput {
             u: fine.map.u,
             costs: Some(PlaneCosts { costs: fine.costs.f_squeeze_dim(0)?, true_plane }),
@@ -142,7 +147,7 @@ pub fn forward(
             visibility.push((mask, ground_truth));
         }
     }
-    Ok(Output { visibility, stages, surface })
+    Ok(Output { visibility, stages, surface, parents })
 }
 
 /// Iterations with scales relative to the enlarged photograph that the network sees, without those coarser than the

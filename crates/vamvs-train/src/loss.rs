@@ -1,12 +1,19 @@
 //! The loss (equations 8 and 9).
 
 use tch::{Kind, Reduction, TchError, Tensor};
+use vamvs_net::cascade::Parents;
 
 use crate::forward::{Learning, Output, PlaneCosts, StageOutput};
 use crate::options::LossOptions;
 
 /// With cross entropy, equation 8 applies to coarse depths with at most this error, in plane distances.
 const NEAR: f64 = 2.0;
+
+/// Weight of [`parents_loss`].
+const PARENTS: f64 = 0.5;
+
+/// A depth that is off by this many plane distances is of another surface; farther ones are no worse.
+const ANOTHER_SURFACE: f64 = 4.0;
 
 /// The losses of one sample.
 pub struct Losses {
@@ -54,9 +61,14 @@ pub fn losses(
         Some((surface, ground_truth)) => surface_loss(surface, ground_truth)?,
         None => None,
     };
+    let parents = match &output.parents {
+        Some((parents, ground_truth)) => parents_loss(parents, ground_truth)?,
+        None => None,
+    };
     if coarse_learns {
         total.add(masks.0, options.visibility)?;
         total.add(surface, options.surface)?;
+        total.add(parents, PARENTS)?;
     }
     Ok(Losses { total: total.0, stages, visibility })
 }
@@ -77,6 +89,20 @@ fn near_loss(stage: &StageOutput) -> Result<Option<Tensor>, TchError> {
     let near = stage.u.f_detach()?.f_sub(&stage.ground_truth)?.f_abs()?.f_le(NEAR * stage.step)?;
     let loss = mean_difference(&stage.u, &stage.ground_truth, Some(&near))?;
     loss.map(|loss| loss.f_div_scalar(stage.step)).transpose()
+}
+
+/// The expected error of a coarse pixel's depth, drawn by its share, at most `ANOTHER_SURFACE`, over the pixels with known ground
+/// truth.
+fn parents_loss(parents: &Parents, ground_truth: &Tensor) -> Result<Option<Tensor>, TchError> {
+    let known = ground_truth.f_isnan()?.f_logical_not()?;
+    if known.f_sum(Kind::Int64)?.int64_value(&[]) == 0 {
+        return Ok(None);
+    }
+    let error = parents.depths.f_sub(ground_truth)?.f_abs()?.f_clamp_max(ANOTHER_SURFACE)?;
+    let error = error.f_nan_to_num(0.0, None, None)?; // zero times NaN would be NaN
+    let expected =
+        parents.shares.f_mul(&error)?.f_sum_dim_intlist([0].as_slice(), false, Kind::Float)?;
+    Ok(Some(expected.f_masked_select(&known)?.f_mean(Kind::Float)?))
 }
 
 /// The binary cross entropy of the probability of a surface where it is known whether there is one.
@@ -164,7 +190,7 @@ mod tests {
         let nan = f32::NAN;
         let surface = Tensor::from_slice(&[0.9_f32, 0.2, 0.6]);
         let ground_truth = |values: [f32; 3]| Some((surface.shallow_clone(), Tensor::from_slice(&values)));
-        let output = |surface| Output { stages: Vec::new(), visibility: Vec::new(), surface };
+        let output = |surface| Output { stages: Vec::new(), visibility: Vec::new(), surface, parents: None };
         let options = LossOptions { surface: 0.5, ..LossOptions::default() };
         let total =
             |ground_truth, learning| losses(&output(ground_truth), 2, learning, &options).unwrap().total;
@@ -176,6 +202,19 @@ mod tests {
             total(ground_truth([1.0, 0.0, nan]), Learning::Flow).is_none(),
             "the flow does not change it"
         );
+    }
+
+    #[test]
+    fn of_the_pixels_around_those_of_the_same_surface_are_chosen() {
+        let depths = Tensor::from_slice(&[1.0_f32, 1.0, 2.0, 2.0, 20.0, 20.0]).view([3, 1, 2]);
+        let shares = Tensor::from_slice(&[0.5_f32, 0.5, 0.25, 0.25, 0.25, 0.25]).view([3, 1, 2]);
+        let ground_truth = Tensor::from_slice(&[1.5_f32, f32::NAN]).view([1, 2]);
+        let parents = Parents { depths, shares: shares.set_requires_grad(true) };
+        let found = parents_loss(&parents, &ground_truth).unwrap().unwrap();
+        assert!((value(&found) - (0.75 * 0.5 + 0.25 * 4.0)).abs() < 1e-6, "{}", value(&found));
+        found.backward();
+        let slopes: Vec<f32> = parents.shares.grad().flatten(0, -1).try_into().unwrap();
+        assert_eq!(slopes, [0.5, 0.0, 0.5, 0.0, 4.0, 0.0], "the far one is pushed away, the unknown pixel is left");
     }
 
     #[test]
@@ -191,6 +230,7 @@ mod tests {
                 (Tensor::from_slice(&[0.0_f32, 0.9]), Tensor::from_slice(&[0.0_f32, 1.0])),
             ],
             surface: None,
+            parents: None,
         };
         let options = LossOptions { visibility: 0.1, flow_reach: 2.0, cross_entropy: 0.0, surface: 0.0 };
         let losses = losses(&output, 2, Learning::All, &options).unwrap();
@@ -210,6 +250,7 @@ mod tests {
             stages: vec![coarse, stage(&[1.5], &[1.0], &[2.0], 1.0)],
             visibility: vec![mask],
             surface: None,
+            parents: None,
         };
         let losses = losses(&output, 2, Learning::Flow, &LossOptions::default()).unwrap();
         assert_eq!((losses.stages, losses.visibility), (vec![1.0, 0.5], 0.5));
@@ -222,6 +263,7 @@ mod tests {
             stages: vec![stage(&[1.0], &[], &[f32::NAN], 1.0)],
             visibility: Vec::new(),
             surface: None,
+            parents: None,
         };
         let losses = losses(&output, 2, Learning::All, &LossOptions::default()).unwrap();
         assert!(losses.total.is_none() && losses.stages[0].is_nan());
@@ -245,7 +287,7 @@ mod tests {
         let costs = Tensor::zeros([8, 1, 2], (Kind::Float, tch::Device::Cpu));
         let mut coarse = stage(&[1.0, 6.5], &[], &[7.0, 6.0], 1.0);
         coarse.costs = Some(plane_costs(&coarse, costs));
-        let output = Output { stages: vec![coarse], visibility: Vec::new(), surface: None };
+        let output = Output { stages: vec![coarse], visibility: Vec::new(), surface: None, parents: None };
         let options = LossOptions { cross_entropy: 0.5, ..LossOptions::default() };
         let total = value(&losses(&output, 2, Learning::Coarse, &options).unwrap().total.unwrap());
         assert!((total - (0.5 * 8.0_f64.ln() + 0.5)).abs() < 1e-6, "{total}");
