@@ -116,6 +116,7 @@ def main() -> None:
     parser.add_argument(
         "--renew", action="store_true", help="also keep the manifest of --like: the same network with the current code"
     )
+    parser.add_argument("--half", action="store_true", help="round kernels to half precision, in which weights.py stores them")
     parser.add_argument("--flow-like", metavar="FILE.pt", help="take the flow's weights from this network instead")
     arguments = parser.parse_args()
     if arguments.flow_like is not None and arguments.like is None:
@@ -163,6 +164,10 @@ def main() -> None:
         module.set_manifest(json.dumps(about))
     if arguments.plane_step is not None:
         module.set_manifest(json.dumps({**json.loads(module.manifest()), "plane_step": arguments.plane_step}))
+    if arguments.half:
+        for value in module.state_dict().values():
+            if value.dim() > 1:
+                value.copy_(value.half().float())
     torch.jit.script(module.eval()).save(arguments.out)
 
 

@@ -4,6 +4,10 @@
 //! uncertain, a large one makes surfaces look different. MVSNet (Yao et al. 2018, section 4.1) scores a pair of views
 //! by the sum, over the points both saw, of a piecewise Gaussian of that angle. If there are no tracks to tell what
 //! the views saw, a grid of virtual points in the view's frustum is used instead.
+//!
+//! Sources are chosen as a set: what a view adds is less at a point that those before it have seen, least if from the same
+//! direction. So surfaces that only few views see, at the border of a photograph or near a camera that drives past them, get
+//! views of their own.
 
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
@@ -25,9 +29,19 @@ const NEGLIGIBLE: f64 = 1e-5;
 /// This many of the best sources are compared, whatever their scores.
 const FEWEST_COMPARED: usize = 4;
 
-/// Further sources are compared if their score is at least this share of the best one's. The others share so little
-/// of the surfaces, or have so wide a baseline, that they do more harm than good.
-const WORTH: f64 = 0.3;
+/// Further sources are compared if their score is at least this share of the best one's. The others share next to nothing of
+/// the surfaces, or see them from an angle of more than 30°.
+const WORTH: f64 = 0.02;
+
+/// Views that see a point from directions that differ by much less than this, degrees, see the same of it.
+const SAME_DIRECTION: f64 = 5.0;
+
+/// How much a view that sees a point from another direction takes from the worth of the next ones there; one from the same
+/// direction takes 1.
+const OTHER_DIRECTION: f64 = 0.5;
+
+/// Views among which the sources are chosen, for each source that is wanted: those with the highest scores.
+const CANDIDATES: usize = 4;
 
 /// Source views are scored by camera geometry if the view shares fewer points than this with other views.
 const FEWEST_POINTS: usize = 10;
@@ -41,15 +55,15 @@ const GRID: usize = 5;
 /// Layers of the grid, evenly spaced in inverse depth.
 const LAYERS: usize = 3;
 
-/// For each view, at most `count` source views, best first. `pinholes` are the undistorted cameras of the scene's
+/// For each view, at most `count` source views, in the order in which they are worth being added. `pinholes` are the undistorted cameras of the scene's
 /// views.
 ///
-/// If the scene has [`Scene::pairs`], they are used. Otherwise sources are ranked by MVSNet's score over the tracks.
-/// A view that shares fewer than ten points with others is scored by virtual points instead: a grid of pixels,
+/// If the scene has [`Scene::pairs`], they are used. Otherwise sources are scored by MVSNet's score over the tracks. A view that shares fewer than ten points with others is scored by virtual points instead: a grid of pixels,
 /// back-projected to three depths of the view's [`depth_range::for_view`]. Those that project into the other view's
 /// image count, weighted by the cosine of the angle between the optical axes, because surfaces are seen from one side
 /// only. A view that shares nothing, or is at the same place, is not selected, so lists may be shorter than `count`,
-/// and empty.
+/// and empty. The first source has the highest score; each further one has the highest sum, over the points, of its
+/// score divided by (1 + s)², where s is what those before it have seen there.
 #[must_use]
 pub fn select(scene: &Scene, pinholes: &[Pinhole], count: usize) -> Vec<Vec<Source>> {
     if let Some(pairs) = &scene.pairs {
@@ -60,18 +74,18 @@ pub fn select(scene: &Scene, pinholes: &[Pinhole], count: usize) -> Vec<Vec<Sour
     (0..scene.views.len())
         .into_par_iter()
         .map(|view| {
-            let scores = if seen[view].len() >= FEWEST_POINTS {
-                track_scores(scene, &centres, view, &seen[view])
+            let candidates = if seen[view].len() >= FEWEST_POINTS {
+                by_tracks(scene, &centres, view, &seen[view])
             } else {
-                geometry_scores(scene, (&centres, &by_view), pinholes, view)
+                by_geometry(scene, (&centres, &by_view), pinholes, view)
             };
-            best(&scores, count)
+            chosen(candidates, count)
         })
         .collect()
 }
 
-/// The views, at most `most`, that a reference view is compared with, out of its `sources`, best first: the first
-/// four, and of the others those with at least 0.3 of the best score.
+/// The views, at most `most`, that a reference view is compared with, out of its `sources`, in their order: the first
+/// four, and of the others those with at least 0.02 of the best score.
 pub fn compared(sources: &[Source], most: usize) -> impl Iterator<Item = usize> {
     let enough = WORTH * sources.iter().fold(0.0, |best, source| source.score.max(best));
     let is_worth = move |&(rank, source): &(usize, &Source)| rank < FEWEST_COMPARED || source.score >= enough;
@@ -89,58 +103,79 @@ fn shared_points(scene: &Scene) -> Vec<Vec<usize>> {
     seen
 }
 
-/// The score of a source view: a sum over points, and the number of points.
-#[derive(Clone, Copy, Default)]
-struct Score {
-    sum: f64,
-    points: usize,
+/// A view that may become a source.
+struct Candidate {
+    view: usize,
+    looks: Vec<Look>,
 }
 
-impl Score {
-    fn add(&mut self, score: f64) {
-        self.sum += score;
-        self.points += 1;
+/// A candidate's look at a point that the reference view saw.
+struct Look {
+    point: usize,
+    /// The score of the triangulation angle, 0 to 1.
+    score: f64,
+    /// Unit vector from the point to the candidate's camera.
+    direction: Vector3<f64>,
+    /// What the sources chosen so far have seen of the point that this look would show again.
+    seen: f64,
+}
+
+impl Look {
+    fn new(point: usize, score: f64, to_camera: Vector3<f64>) -> Self {
+        Self { point, score, direction: to_camera.normalize(), seen: 0.0 }
     }
 }
 
-fn track_scores(scene: &Scene, centres: &[Vector3<f64>], view: usize, seen: &[usize]) -> Vec<Score> {
-    let mut scores = vec![Score::default(); centres.len()];
-    for point in seen.iter().map(|&index| &scene.points[index]) {
+impl Candidate {
+    /// MVSNet's score.
+    fn score(&self) -> f64 {
+        self.looks.iter().map(|look| look.score).sum()
+    }
+
+    /// What the view adds to the sources chosen so far.
+    fn gain(&self) -> f64 {
+        self.looks.iter().map(|look| look.score / (1.0 + look.seen).powi(2)).sum()
+    }
+}
+
+/// The candidates that saw some of the reference view's points, with the number of each point in `seen`.
+fn by_tracks(scene: &Scene, centres: &[Vector3<f64>], view: usize, seen: &[usize]) -> Vec<Candidate> {
+    let mut looks: Vec<Vec<Look>> = centres.iter().map(|_| Vec::new()).collect();
+    for (number, point) in seen.iter().map(|&index| &scene.points[index]).enumerate() {
         let ray = centres[view] - point.x_in_world;
         for &other in point.views.iter().filter(|&&other| other != view) {
-            scores[other].add(angle_score(&ray, &(centres[other] - point.x_in_world)));
+            let to_other = centres[other] - point.x_in_world;
+            looks[other].push(Look::new(number, angle_score(&ray, &to_other), to_other));
         }
     }
-    scores
+    looks.into_iter().enumerate().map(|(view, looks)| Candidate { view, looks }).collect()
 }
 
-fn geometry_scores(
+/// The candidates that have some of the virtual points of the reference view in their images.
+fn by_geometry(
     scene: &Scene,
     (centres, seen): (&[Vector3<f64>], &SeenPoints),
     pinholes: &[Pinhole],
     view: usize,
-) -> Vec<Score> {
+) -> Vec<Candidate> {
     let near = nearest_views(centres, view);
-    let Some((range, _)) = depth_range::for_view(scene, seen, view, &near) else {
-        return vec![Score::default(); centres.len()];
-    };
+    let Some((range, _)) = depth_range::for_view(scene, seen, view, &near) else { return Vec::new() };
     let points = virtual_points(&scene.views[view], &pinholes[view], &range);
     let forward = scene.views[view].cam_from_world.forward();
-    let score = |other: usize| {
+    let candidate = |other: usize| {
         let cam_from_world = &scene.views[other].cam_from_world;
         let facing = forward.dot(&cam_from_world.forward());
-        let mut score = Score::default();
-        if other == view || facing <= 0.0 {
-            return score;
-        }
-        for point in &points {
-            if pinholes[other].project_inside(&cam_from_world.transform(point)).is_some() {
-                score.add(facing * angle_score(&(centres[view] - point), &(centres[other] - point)));
-            }
-        }
-        score
+        let is_inside = |point: &Vector3<f64>| {
+            facing > 0.0 && pinholes[other].project_inside(&cam_from_world.transform(point)).is_some()
+        };
+        let look = |(number, point): (usize, &Vector3<f64>)| {
+            let (ray, to_other) = (centres[view] - point, centres[other] - point);
+            Look::new(number, facing * angle_score(&ray, &to_other), to_other)
+        };
+        let looks = points.iter().enumerate().filter(|(_, point)| is_inside(point)).map(look).collect();
+        Candidate { view: other, looks }
     };
-    (0..centres.len()).map(score).collect()
+    (0..centres.len()).filter(|&other| other != view).map(candidate).collect()
 }
 
 /// The [`NEAR_VIEWS`] other views whose camera centres are nearest to a view's.
@@ -178,12 +213,34 @@ pub fn angle_score(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     (-0.5 * ((angle - BEST_ANGLE) / deviation).powi(2)).exp()
 }
 
-/// The `count` views with the highest scores, best first; of equal ones the lower index comes first.
-fn best(scores: &[Score], count: usize) -> Vec<Source> {
-    let counts = |&view: &usize| scores[view].sum > NEGLIGIBLE * scores[view].points as f64;
-    let mut views: Vec<usize> = (0..scores.len()).filter(counts).collect();
-    views.sort_by(|&a, &b| scores[b].sum.total_cmp(&scores[a].sum));
-    views.into_iter().take(count).map(|view| Source { view, score: scores[view].sum }).collect()
+/// At most `count` of the candidates, each the one that adds most to those before it; of equal ones the lower index comes first.
+fn chosen(candidates: Vec<Candidate>, count: usize) -> Vec<Source> {
+    let mut left: Vec<(f64, Candidate)> = candidates.into_iter().map(|c| (c.score(), c)).collect();
+    left.retain(|(score, candidate)| *score > NEGLIGIBLE * candidate.looks.len() as f64);
+    left.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+    left.truncate(CANDIDATES * count);
+    let points = left.iter().flat_map(|(_, c)| &c.looks).map(|look| look.point + 1).max().unwrap_or(0);
+    let mut sources = Vec::with_capacity(count.min(left.len()));
+    while sources.len() < count && !left.is_empty() {
+        let gains: Vec<f64> = left.iter().map(|(_, candidate)| candidate.gain()).collect();
+        let best = (1..gains.len()).fold(0, |best, at| if gains[at] > gains[best] { at } else { best });
+        let (score, next) = left.remove(best);
+        sources.push(Source { view: next.view, score });
+        let mut look_at: Vec<Option<&Look>> = vec![None; points];
+        next.looks.iter().for_each(|look| look_at[look.point] = Some(look));
+        for look in left.iter_mut().flat_map(|(_, candidate)| &mut candidate.looks) {
+            if let Some(before) = look_at[look.point] {
+                look.seen += before.score * likeness(&before.direction, &look.direction);
+            }
+        }
+    }
+    sources
+}
+
+/// How far a look along one direction shows the same as one along another: from 0.5 to 1.
+fn likeness(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    let deviations = (a - b).norm() / SAME_DIRECTION.to_radians();
+    OTHER_DIRECTION + (1.0 - OTHER_DIRECTION) * (-0.5 * deviations * deviations).exp()
 }
 
 #[cfg(test)]
@@ -239,10 +296,10 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_fourth_source_those_are_compared_that_score_nearly_as_well_as_the_best() {
+    fn as_many_sources_are_compared_as_are_wanted_unless_they_share_next_to_nothing() {
         let compare = |scores: &[f64], most| compared(&sources(scores), most).collect::<Vec<_>>();
-        assert_eq!(compare(&[100.0, 9.0, 8.0, 7.0, 6.0], 8), [10, 11, 12, 13], "four at least");
-        assert_eq!(compare(&[100.0, 90.0, 80.0, 70.0, 31.0, 29.0], 8), [10, 11, 12, 13, 14]);
+        assert_eq!(compare(&[100.0, 1.9, 1.8, 1.7, 1.6], 8), [10, 11, 12, 13], "four at least");
+        assert_eq!(compare(&[100.0, 90.0, 80.0, 70.0, 2.1, 1.9, 3.0], 8), [10, 11, 12, 13, 14, 16]);
         assert_eq!(compare(&[1.0; 9], 7).len(), 7, "as many as are wanted");
         assert_eq!(compare(&[100.0, 9.0, 8.0], 2), [10, 11]);
         assert_eq!(compare(&[0.0; 6], 8).len(), 6, "a file without scores");
@@ -260,6 +317,25 @@ mod tests {
         assert_eq!(select_in(&scene, 2)[0], [2, 3]);
         scene.points.extend(together(&[0, 3], 60));
         assert_eq!(select_in(&scene, 9)[0], [3, 2, 1], "more points of a wider angle");
+    }
+
+    /// Cameras that drive along their axis: the views behind see all that the reference sees, but only those ahead and beside it
+    /// see the near surfaces at its border.
+    #[test]
+    fn sources_together_cover_the_reference_view() {
+        let mut scene = ring(&[0.0, 4.0, 5.0, 6.0, -5.0, 14.0]);
+        let at = |x: f64| Vector3::new(x, 0.0, 0.0);
+        let saw = |x: f64, views: &[usize], count| {
+            vec![SparsePoint { x_in_world: at(x), views: views.to_vec() }; count]
+        };
+        scene.points = saw(0.0, &[0, 1, 2, 3, 4], 50);
+        scene.points.extend(saw(0.5, &[0, 5], 20));
+        assert_eq!(select_in(&scene, 3)[0][0], 2, "the best one first");
+        let three = select_in(&scene, 3)[0].clone();
+        assert!(three.contains(&5), "the only one that sees the border: {three:?}");
+        assert!(three.contains(&4), "the one from another side, not one more from the same: {three:?}");
+        let scores: Vec<f64> = select(&scene, &[PINHOLE; 6], 9)[0].iter().map(|source| source.score).collect();
+        assert!(scores[0] >= scores[1] && scores.len() == 5, "{scores:?}");
     }
 
     #[test]

@@ -8,6 +8,7 @@ mod cost_volume;
 mod estimates;
 mod invariance;
 mod layers;
+mod rust_alone;
 
 use vamvs_core::{DepthMap, Photo, Planes, Spacing};
 use vamvs_net::cost_volume::SweepInputs;

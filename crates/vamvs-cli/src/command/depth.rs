@@ -109,7 +109,7 @@ pub fn begin(job: &DepthJob<'_>, settings: &Settings) -> Result<()> {
 fn say_work(work: &Prepared, progress: &Progress) {
     progress.say(&work.method.name());
     say_masks(work.photographs.masks(), &work.scene, progress);
-    say_plan(&work.scene, &work.plan, progress);
+    say_plan(&work.scene, &work.plan, work.options.views - 1, progress);
 }
 
 /// Prints which masks are used, with a warning if some views have none.
@@ -126,9 +126,13 @@ fn say_masks(masks: &Masks, scene: &Scene, progress: &Progress) {
 }
 
 /// Prints how many views have a plan and, if verbose, what was chosen for each.
-fn say_plan(scene: &Scene, plan: &Plan, progress: &Progress) {
+fn say_plan(scene: &Scene, plan: &Plan, most: usize, progress: &Progress) {
     let planned = plan.views.iter().flatten().count();
-    progress.say(&format!("{planned} of {} views will have a depth map", scene.views.len()));
+    progress.say(&format!(
+        "{planned} of {} views will have a depth map{}",
+        scene.views.len(),
+        compared_with(plan, most)
+    ));
     for (view, plan) in scene.views.iter().zip(&plan.views) {
         let Ok(ViewPlan { planes, origin, sources, .. }) = plan else { continue };
         let origin = origin.map_or("given".to_owned(), |origin| format!("from {origin}"));
@@ -141,6 +145,19 @@ fn say_plan(scene: &Scene, plan: &Plan, progress: &Progress) {
             planes.count,
             sources.join(", ")
         ));
+    }
+}
+
+/// With how many others the views are compared, and why not with `most`.
+fn compared_with(plan: &Plan, most: usize) -> String {
+    let counts = || plan.views.iter().flatten().map(|view| view.sources.len());
+    match (counts().min(), counts().max()) {
+        (Some(fewest), Some(_)) if fewest == most => format!(", compared with {most} others each"),
+        (Some(fewest), Some(found)) => format!(
+            ", compared with {}{found} others: no more of the {most} that are wanted show the same surfaces",
+            if fewest < found { format!("{fewest} to ") } else { String::new() }
+        ),
+        _ => String::new(),
     }
 }
 

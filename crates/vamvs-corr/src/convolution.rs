@@ -1,0 +1,525 @@
+//! Convolutions of images and volumes, direct: no matrix of patches is ever made.
+//!
+//! With channels last, the inputs of one output along a row of the kernel are one run of memory, and those of the next output
+//! begin `stride` pixels later. So a tile of a few pixels × 8 or 16 output channels stays in registers while the runs of all rows
+//! of the kernel are gone through: one broadcast input times one vector of weights at a time. A transposed convolution of stride 2
+//! is eight convolutions, one for each parity of the output's position, with one or two taps along each axis.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use crate::map::{Map, Row};
+use crate::wide::widest;
+
+/// The weights of a convolution as PyTorch has them: (outputs, inputs, kz, ky, kx), of a transposed one
+/// (inputs, outputs, kz, ky, kx).
+#[derive(Clone, Debug)]
+pub struct Kernel {
+    pub outputs: usize,
+    pub inputs: usize,
+    /// Sides kz, ky, kx.
+    pub sides: [usize; 3],
+    pub weights: Vec<f32>,
+    /// Added to each output.
+    pub shift: Vec<f32>,
+}
+
+/// How a kernel moves over its input.
+#[derive(Clone, Copy, Debug)]
+pub struct Moves {
+    pub stride: usize,
+    /// Zeros before and after, along z, y and x.
+    pub padding: [usize; 3],
+    pub dilation: usize,
+}
+
+impl Kernel {
+    /// The weight of one output, one input and one place of the kernel.
+    fn at(&self, output: usize, input: usize, [z, y, x]: [usize; 3]) -> f32 {
+        let [_, height, width] = self.sides;
+        self.weights[((output * self.inputs + input) * self.sides[0] + z) * height * width + y * width + x]
+    }
+
+    /// The kernel of a transposed convolution with its first two axes in the order of others.
+    fn transposed(&self) -> Self {
+        let places = self.sides.iter().product::<usize>();
+        let mut weights = vec![0.0; self.weights.len()];
+        for (at, values) in self.weights.chunks_exact(places).enumerate() {
+            let (input, output) = (at / self.outputs, at % self.outputs);
+            weights[(output * self.inputs + input) * places..][..places].copy_from_slice(values);
+        }
+        Self { weights, ..self.clone() }
+    }
+}
+
+/// A run of inputs along a row of the kernel: where it begins, relative to the place of the output, and its pixels.
+#[derive(Clone, Copy, Debug)]
+struct Tap {
+    z: isize,
+    y: isize,
+    x: isize,
+    pixels: usize,
+}
+
+/// Taps with their weights.
+#[derive(Clone, Debug)]
+struct Pass {
+    taps: Vec<Tap>,
+    /// For each block of output channels and each tap, (pixels · inputs, lanes).
+    panels: Vec<f32>,
+}
+
+impl Pass {
+    /// The taps at these places of the kernel, each with the offset of its input; places along x that follow each other in
+    /// both become one run.
+    fn new(kernel: &Kernel, lanes: usize, places: &[Vec<(usize, isize)>; 3]) -> Self {
+        let mut runs: Vec<Vec<(usize, isize)>> = Vec::new();
+        for &(place, offset) in &places[2] {
+            match runs.last_mut() {
+                Some(run) if run[run.len() - 1].1 + 1 == offset => run.push((place, offset)),
+                _ => runs.push(vec![(place, offset)]),
+            }
+        }
+        let rows = || places[0].iter().flat_map(|z| places[1].iter().map(move |y| (*z, *y)));
+        let (mut taps, mut panels) = (Vec::new(), Vec::new());
+        for ((_, z), (_, y)) in rows() {
+            taps.extend(runs.iter().map(|run| Tap { z, y, x: run[0].1, pixels: run.len() }));
+        }
+        for block in (0..kernel.outputs).step_by(lanes) {
+            for ((kz, _), (ky, _)) in rows() {
+                for &(kx, _) in runs.iter().flatten() {
+                    for input in 0..kernel.inputs {
+                        panels.extend((block..block + lanes).map(|output| {
+                            if output < kernel.outputs { kernel.at(output, input, [kz, ky, kx]) } else { 0.0 }
+                        }));
+                    }
+                }
+            }
+        }
+        Self { taps, panels }
+    }
+}
+
+/// A convolution, or a transposed one of stride 2, ready to run.
+#[derive(Clone, Debug)]
+pub struct Convolution {
+    inputs: usize,
+    outputs: usize,
+    /// Output channels in a register.
+    lanes: usize,
+    /// Of the input from one output to the next.
+    stride: usize,
+    /// What the sides of the output are less than those of the input, before the stride.
+    narrower: [isize; 3],
+    /// One, or for a transposed convolution one for each parity of the output's z, y and x.
+    passes: Vec<Pass>,
+    doubles: bool,
+    shift: Vec<f32>,
+}
+
+impl Convolution {
+    pub fn new(kernel: &Kernel, moves: Moves) -> Self {
+        let Moves { stride, padding, dilation } = moves;
+        let places: [Vec<(usize, isize)>; 3] = std::array::from_fn(|axis| {
+            let offset = |place: usize| (place * dilation) as isize - padding[axis] as isize;
+            (0..kernel.sides[axis]).map(|place| (place, offset(place))).collect()
+        });
+        let narrower = std::array::from_fn(|axis| {
+            (dilation * (kernel.sides[axis] - 1)) as isize - 2 * padding[axis] as isize
+        });
+        let lanes = lanes_for(kernel.outputs);
+        let passes = vec![Pass::new(kernel, lanes, &places)];
+        Self::of(kernel, (lanes, stride, narrower), passes)
+    }
+
+    /// A transposed convolution with a kernel of 3×3×3 that doubles each side (stride 2, padding 1, output padding 1). Along an
+    /// axis, output 2k is w₁ x[k], and output 2k + 1 is w₂ x[k] + w₀ x[k + 1].
+    pub fn doubling(kernel: &Kernel) -> Self {
+        assert_eq!(kernel.sides, [3; 3], "a kernel that doubles has 3×3×3 places");
+        let kernel = kernel.transposed();
+        let lanes = lanes_for(kernel.outputs);
+        let of_parity = |parity: usize| if parity == 0 { vec![(1, 0)] } else { vec![(2, 0), (0, 1)] };
+        let places = |parity: usize| [parity / 4, parity / 2 % 2, parity % 2].map(of_parity);
+        let passes = (0..8).map(|parity| Pass::new(&kernel, lanes, &places(parity))).collect();
+        Self { doubles: true, ..Self::of(&kernel, (lanes, 1, [0; 3]), passes) }
+    }
+
+    fn of(kernel: &Kernel, (lanes, stride, narrower): (usize, usize, [isize; 3]), passes: Vec<Pass>) -> Self {
+        let mut shift = kernel.shift.clone();
+        shift.resize(kernel.outputs.next_multiple_of(lanes), 0.0);
+        let (inputs, outputs) = (kernel.inputs, kernel.outputs);
+        Self { inputs, outputs, lanes, stride, narrower, passes, doubles: false, shift }
+    }
+
+    /// The sides of the output for an input of these sides.
+    fn sides(&self, input: [usize; 3]) -> [usize; 3] {
+        if self.doubles {
+            return input.map(|side| 2 * side);
+        }
+        std::array::from_fn(|axis| {
+            // A plane of an image stays one.
+            let stride = if input[axis] == 1 && self.narrower[axis] == 0 { 1 } else { self.stride };
+            (input[axis] as isize - self.narrower[axis] - 1) as usize / stride + 1
+        })
+    }
+
+    /// The output; `finish` is called for each of its rows while it is in the cache.
+    pub fn run(&self, input: &Map, finish: impl Fn(Row, &mut [f32]) + Sync) -> Map {
+        let [planes, ..] = self.sides(input.sides());
+        self.run_planes(input, 0..planes, finish)
+    }
+
+    /// As [`Convolution::run`], of some planes of the output only. Rows that `finish` gets are numbered as in the whole output.
+    pub fn run_planes(
+        &self,
+        input: &Map,
+        planes: Range<usize>,
+        finish: impl Fn(Row, &mut [f32]) + Sync,
+    ) -> Map {
+        assert_eq!(input.channels, self.inputs, "a convolution takes {} channels", self.inputs);
+        let [_, height, width] = self.sides(input.sides());
+        let mut out = Map::new([planes.len(), height, width], self.outputs);
+        let rows = out.values.par_chunks_mut(width * self.outputs).enumerate();
+        rows.for_each_init(Vec::new, |scratch, (at, values)| {
+            let row = Row { z: planes.start + at / height, y: at % height };
+            match self.lanes {
+                8 => run_row::<8>(self, input, row, values, scratch),
+                _ => run_row::<16>(self, input, row, values, scratch),
+            }
+            finish(row, values);
+        });
+        out
+    }
+}
+
+fn lanes_for(outputs: usize) -> usize {
+    if outputs <= 8 { 8 } else { 16 }
+}
+
+/// One row of the output.
+#[inline(always)]
+fn row_of<const P: usize, const L: usize>(
+    layer: &Convolution,
+    input: &Map,
+    row: Row,
+    out: &mut [f32],
+    scratch: &mut Vec<f32>,
+) {
+    if !layer.doubles {
+        let place = [row.z * layer.stride, row.y * layer.stride].map(|place| place as isize);
+        return pass_of::<P, L>(layer, &layer.passes[0], input, place, (0, 1), out, scratch);
+    }
+    let place = [row.z / 2, row.y / 2].map(|place| place as isize);
+    for parity in 0..2 {
+        let pass = &layer.passes[row.z % 2 * 4 + row.y % 2 * 2 + parity];
+        pass_of::<P, L>(layer, pass, input, place, (parity, 2), out, scratch);
+    }
+}
+
+widest!(row_of<P, L> => run_row(
+    layer: &Convolution,
+    input: &Map,
+    row: Row,
+    out: &mut [f32],
+    scratch: &mut Vec<f32>,
+); [12, 6]);
+
+/// Every `step`-th pixel of a row, from `first` on, by one pass over the input around (z, y).
+#[inline(always)]
+fn pass_of<const P: usize, const L: usize>(
+    layer: &Convolution,
+    pass: &Pass,
+    input: &Map,
+    [z, y]: [isize; 2],
+    (first, step): (usize, usize),
+    out: &mut [f32],
+    scratch: &mut Vec<f32>,
+) {
+    let (channels, outputs) = (layer.inputs, layer.outputs);
+    let columns = (out.len() / outputs).saturating_sub(first).div_ceil(step);
+    let rows_of_block = pass.panels.len() / L / layer.shift.len().div_ceil(L);
+    let panels = pass.panels.as_chunks::<L>().0;
+    let shifts = layer.shift.as_chunks::<L>().0;
+    for (block, shift) in shifts.iter().enumerate() {
+        let lanes = L.min(outputs - block * L);
+        for x in (0..columns).step_by(P) {
+            let mut sums = [*shift; P];
+            let mut panel = &panels[block * rows_of_block..][..rows_of_block];
+            for tap in &pass.taps {
+                let (weights, rest) = panel.split_at(tap.pixels * channels);
+                panel = rest;
+                let (z, y) = (z + tap.z, y + tap.y);
+                if z < 0 || y < 0 || z >= input.planes as isize || y >= input.height as isize {
+                    continue;
+                }
+                let line = input.row(Row { z: z as usize, y: y as usize });
+                let begin = (x * layer.stride) as isize + tap.x;
+                let pixels = (P - 1) * layer.stride + tap.pixels;
+                let is_inside = begin >= 0 && begin as usize + pixels <= input.width;
+                let run = if is_inside {
+                    &line[begin as usize * channels..][..pixels * channels]
+                } else {
+                    copy_run(line, channels, begin, pixels, scratch);
+                    &scratch[..]
+                };
+                accumulate(run, layer.stride * channels, weights, &mut sums);
+            }
+            for (p, sum) in sums.iter().enumerate().take(columns - x) {
+                out[(first + (x + p) * step) * outputs + block * L..][..lanes].copy_from_slice(&sum[..lanes]);
+            }
+        }
+    }
+}
+
+/// Copies `pixels` pixels of a line from `begin` on into `scratch`, with zeros where it has none.
+fn copy_run(line: &[f32], channels: usize, begin: isize, pixels: usize, scratch: &mut Vec<f32>) {
+    scratch.clear();
+    scratch.resize(pixels * channels, 0.0);
+    let width = (line.len() / channels) as isize;
+    let (low, high) = (begin.clamp(0, width), (begin + pixels as isize).clamp(0, width));
+    let to = (low - begin) as usize * channels;
+    let count = (high - low) as usize * channels;
+    scratch[to..to + count].copy_from_slice(&line[low as usize * channels..][..count]);
+}
+
+/// Adds to each pixel's sums its run, which begins `step` values after that of the pixel before, times the weights.
+#[inline(always)]
+fn accumulate<const P: usize, const L: usize>(
+    run: &[f32],
+    step: usize,
+    weights: &[[f32; L]],
+    sums: &mut [[f32; L]; P],
+) {
+    let runs: [&[f32]; P] = std::array::from_fn(|p| &run[p * step..][..weights.len()]);
+    for (k, weights) in weights.iter().enumerate() {
+        for (sum, run) in sums.iter_mut().zip(&runs) {
+            let value = run[k];
+            for (sum, weight) in sum.iter_mut().zip(weights) {
+                *sum = value.mul_add(*weight, *sum);
+            }
+        }
+    }
+}
+
+/// A convolution of stride 1 to one channel. Its products are summed over lanes of input channels.
+#[derive(Clone, Debug)]
+pub struct ToOne {
+    inputs: usize,
+    padding: [usize; 3],
+    sides: [usize; 3],
+    /// (kz, ky, kx, inputs)
+    weights: Vec<f32>,
+    shift: f32,
+}
+
+/// Lanes of [`ToOne`].
+const LANES: usize = 8;
+
+impl ToOne {
+    pub fn new(kernel: &Kernel, padding: [usize; 3]) -> Self {
+        let Kernel { outputs, inputs, sides, .. } = *kernel;
+        assert!(outputs == 1 && inputs % LANES == 0, "one channel from multiples of {LANES}");
+        let [depth, height, width] = sides;
+        let mut weights = Vec::with_capacity(kernel.weights.len());
+        for (z, y) in (0..depth).flat_map(|z| (0..height).map(move |y| (z, y))) {
+            weights.extend((0..width).flat_map(|x| (0..inputs).map(move |c| kernel.at(0, c, [z, y, x]))));
+        }
+        Self { inputs, padding, sides, weights, shift: kernel.shift.first().copied().unwrap_or(0.0) }
+    }
+
+    /// The output's rows of some planes, each of which is given to `finish`. There is nothing outside of the planes of the input,
+    /// which are numbered from `first` on.
+    pub fn run_planes(
+        &self,
+        input: &Map,
+        first: usize,
+        planes: Range<usize>,
+        finish: impl Fn(Row, &mut [f32]) + Sync,
+    ) -> Vec<f32> {
+        assert_eq!(input.channels, self.inputs, "a convolution takes {} channels", self.inputs);
+        let mut out = vec![0.0; planes.len() * input.height * input.width];
+        out.par_chunks_mut(input.width).enumerate().for_each(|(at, values)| {
+            let row = Row { z: planes.start + at / input.height, y: at % input.height };
+            run_row_to_one(self, input, first, row, values);
+            finish(row, values);
+        });
+        out
+    }
+
+    /// The whole output.
+    pub fn run(&self, input: &Map, finish: impl Fn(Row, &mut [f32]) + Sync) -> Vec<f32> {
+        self.run_planes(input, 0, 0..input.planes, finish)
+    }
+}
+
+#[inline(always)]
+fn row_to_one<const P: usize>(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]) {
+    let [depth, height, width] = layer.sides;
+    let line = width * layer.inputs;
+    for (x, out) in out.iter_mut().enumerate() {
+        let mut sums = [0.0_f32; LANES];
+        for (kz, ky) in (0..depth).flat_map(|z| (0..height).map(move |y| (z, y))) {
+            let z = (row.z + kz) as isize - (layer.padding[0] + first) as isize;
+            let y = (row.y + ky) as isize - layer.padding[1] as isize;
+            if z < 0 || y < 0 || z >= input.planes as isize || y >= input.height as isize {
+                continue;
+            }
+            let begin = x as isize - layer.padding[2] as isize;
+            let low = begin.max(0);
+            let high = (begin + width as isize).min(input.width as isize);
+            let weights = &layer.weights[(kz * height + ky) * line..][..line];
+            let weights = &weights[(low - begin) as usize * layer.inputs..(high - begin) as usize * layer.inputs];
+            let values = &input.row(Row { z: z as usize, y: y as usize })[low as usize * layer.inputs..];
+            let (weights, values) = (weights.as_chunks::<LANES>().0, values.as_chunks::<LANES>().0);
+            for (weights, values) in weights.iter().zip(values) {
+                for lane in 0..LANES {
+                    sums[lane] = values[lane].mul_add(weights[lane], sums[lane]);
+                }
+            }
+        }
+        let [a, b, c, d, e, f, g, h] = sums;
+        *out = layer.shift + (((a + e) + (c + g)) + ((b + f) + (d + h)));
+    }
+}
+
+widest!(row_to_one<P> => run_row_to_one(
+    layer: &ToOne,
+    input: &Map,
+    first: usize,
+    row: Row,
+    out: &mut [f32],
+); [1, 1]);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers without pattern, from -1 to 1.
+    pub(crate) fn numbers(count: usize, seed: u32) -> Vec<f32> {
+        let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(12345);
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / 8_388_608.0 - 1.0
+        };
+        (0..count).map(|_| next()).collect()
+    }
+
+    fn kernel(outputs: usize, inputs: usize, sides: [usize; 3]) -> Kernel {
+        let places: usize = sides.iter().product();
+        let weights = numbers(outputs * inputs * places, 7);
+        Kernel { outputs, inputs, sides, weights, shift: numbers(outputs, 9) }
+    }
+
+    fn map(sides: [usize; 3], channels: usize) -> Map {
+        let count = sides.iter().product::<usize>() * channels;
+        Map { values: numbers(count, 3), ..Map::new(sides, channels) }
+    }
+
+    /// A value of a map, or zero outside of it.
+    fn value(map: &Map, place: [isize; 3], channel: usize) -> f64 {
+        let inside = place.iter().zip(map.sides()).all(|(&at, side)| at >= 0 && at < side as isize);
+        let [z, y, x] = place.map(|at| at as usize);
+        if inside { f64::from(map.row(Row { z, y })[x * map.channels + channel]) } else { 0.0 }
+    }
+
+    fn places(sides: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+        let [depth, height, width] = sides;
+        (0..depth * height * width).map(move |at| [at / width / height, at / width % height, at % width])
+    }
+
+    /// By the definition, one output at a time.
+    fn defined(kernel: &Kernel, moves: Moves, input: &Map, place: [usize; 3], output: usize) -> f64 {
+        let mut sum = f64::from(kernel.shift[output]);
+        for at in places(kernel.sides) {
+            let from: [isize; 3] = std::array::from_fn(|axis| {
+                let stride = if input.sides()[axis] == 1 { 1 } else { moves.stride };
+                (place[axis] * stride + at[axis] * moves.dilation) as isize - moves.padding[axis] as isize
+            });
+            for channel in 0..kernel.inputs {
+                sum += f64::from(kernel.at(output, channel, at)) * value(input, from, channel);
+            }
+        }
+        sum
+    }
+
+    #[test]
+    fn convolutions_are_what_they_are_defined_to_be() {
+        let moves = |stride, padding, dilation| Moves { stride, padding, dilation };
+        let cases = [
+            (kernel(16, 3, [1, 4, 4]), moves(2, [0, 1, 1], 1), [1, 10, 38]),
+            (kernel(32, 8, [3, 3, 3]), moves(1, [1, 1, 1], 1), [4, 5, 29]),
+            (kernel(16, 8, [3, 3, 3]), moves(2, [1, 1, 1], 1), [4, 6, 26]),
+            (kernel(16, 16, [1, 3, 3]), moves(1, [0, 2, 2], 2), [1, 7, 17]),
+            (kernel(9, 32, [1, 1, 1]), moves(1, [0, 0, 0], 1), [1, 3, 13]),
+            (kernel(8, 8, [1, 1, 1]), moves(1, [0, 0, 0], 1), [3, 2, 5]),
+            (kernel(48, 32, [1, 3, 3]), moves(1, [0, 1, 1], 1), [1, 4, 3]),
+        ];
+        for (kernel, moves, sides) in cases {
+            let input = map(sides, kernel.inputs);
+            let out = Convolution::new(&kernel, moves).run(&input, |_, _| ());
+            assert_eq!(out.channels, kernel.outputs);
+            for place in places(out.sides()) {
+                for output in 0..kernel.outputs {
+                    let expected = defined(&kernel, moves, &input, place, output);
+                    let found = value(&out, place.map(|at| at as isize), output);
+                    assert!((found - expected).abs() < 1e-4, "{sides:?} {place:?}: {found} is not {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_doubling_convolution_spreads_each_input_over_the_kernel() {
+        for outputs in [8, 32] {
+            let of_input = Kernel { inputs: 16, outputs, ..kernel(16, outputs, [3; 3]) };
+            let kernel = Kernel { shift: numbers(outputs, 5), ..of_input };
+            let input = map([2, 3, 15], 16);
+            let out = Convolution::doubling(&kernel).run(&input, |_, _| ());
+            assert_eq!(out.sides(), [4, 6, 30]);
+            let mut expected = vec![0.0_f64; out.values.len()];
+            for (place, at) in places(input.sides()).flat_map(|p| places([3; 3]).map(move |at| (p, at))) {
+                let to: [isize; 3] = std::array::from_fn(|axis| (2 * place[axis] + at[axis]) as isize - 1);
+                if to.iter().zip(out.sides()).any(|(&to, side)| to < 0 || to >= side as isize) {
+                    continue;
+                }
+                let [z, y, x] = to.map(|to| to as usize);
+                for (channel, output) in (0..16).flat_map(|c| (0..outputs).map(move |o| (c, o))) {
+                    let weight = kernel.weights[(channel * outputs + output) * 27 + at[0] * 9 + at[1] * 3 + at[2]];
+                    let product = f64::from(weight) * value(&input, place.map(|at| at as isize), channel);
+                    expected[((z * 6 + y) * 30 + x) * outputs + output] += product;
+                }
+            }
+            for (at, (found, expected)) in out.values.iter().zip(&expected).enumerate() {
+                let expected = expected + f64::from(kernel.shift[at % outputs]);
+                assert!((f64::from(*found) - expected).abs() < 1e-4, "{at}: {found} is not {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_channel_is_summed_as_defined_also_plane_by_plane() {
+        let kernel = kernel(1, 16, [3, 3, 3]);
+        let moves = Moves { stride: 1, padding: [1, 1, 1], dilation: 1 };
+        let input = map([5, 4, 9], 16);
+        let layer = ToOne::new(&kernel, moves.padding);
+        let whole = layer.run(&input, |_, _| ());
+        for (place, found) in places(input.sides()).zip(&whole) {
+            let expected = defined(&kernel, moves, &input, place, 0);
+            assert!((f64::from(*found) - expected).abs() < 1e-4, "{place:?}: {found} is not {expected}");
+        }
+        let plane = 4 * 9 * 16;
+        let part = Map { planes: 3, values: input.values[2 * plane..].to_vec(), ..input };
+        assert_eq!(layer.run_planes(&part, 2, 3..5, |_, _| ()), whole[3 * 4 * 9..]);
+    }
+
+    #[test]
+    fn some_planes_are_those_of_the_whole() {
+        let kernel = Kernel { inputs: 16, outputs: 8, ..kernel(16, 8, [3; 3]) };
+        let kernel = Kernel { shift: numbers(8, 2), ..kernel };
+        let (layer, input) = (Convolution::doubling(&kernel), map([4, 3, 5], 16));
+        let whole = layer.run(&input, |row, values| values.iter_mut().for_each(|v| *v += row.z as f32));
+        let part = layer.run_planes(&input, 3..6, |row, values| values.iter_mut().for_each(|v| *v += row.z as f32));
+        assert_eq!(part.values, whole.values[3 * 6 * 10 * 8..6 * 6 * 10 * 8]);
+    }
+}

@@ -1,0 +1,173 @@
+//! Images and volumes of features.
+
+use rayon::prelude::*;
+
+use crate::wide::{add, relu};
+
+/// A volume of features, or an image, which has one plane. The channels of a position are contiguous, then those of its row,
+/// its plane, the volume.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Map {
+    pub planes: usize,
+    pub height: usize,
+    pub width: usize,
+    pub channels: usize,
+    pub values: Vec<f32>,
+}
+
+/// A row of a map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Row {
+    pub z: usize,
+    pub y: usize,
+}
+
+impl Map {
+    /// A map of these sides [planes, height, width] and channels, of zeros.
+    pub fn new([planes, height, width]: [usize; 3], channels: usize) -> Self {
+        Self { planes, height, width, channels, values: vec![0.0; planes * height * width * channels] }
+    }
+
+    /// An image of these values.
+    pub fn image((width, height, channels): (usize, usize, usize), values: Vec<f32>) -> Self {
+        assert_eq!(values.len(), width * height * channels, "an image has a value for each channel of its pixels");
+        Self { planes: 1, height, width, channels, values }
+    }
+
+    /// Planes, height and width.
+    pub fn sides(&self) -> [usize; 3] {
+        [self.planes, self.height, self.width]
+    }
+
+    /// The values of a row.
+    pub fn row(&self, Row { z, y }: Row) -> &[f32] {
+        let length = self.width * self.channels;
+        &self.values[(z * self.height + y) * length..][..length]
+    }
+
+    /// The values of a row of an image.
+    pub fn line(&self, y: usize) -> &[f32] {
+        self.row(Row { z: 0, y })
+    }
+
+    /// Makes a map row by row, in parallel.
+    pub fn by_rows(sides: [usize; 3], channels: usize, make: impl Fn(Row, &mut [f32]) + Sync) -> Self {
+        let mut map = Self::new(sides, channels);
+        let length = map.width * channels;
+        map.values.par_chunks_mut(length).enumerate().for_each(|(row, values)| {
+            make(Row { z: row / sides[1], y: row % sides[1] }, values);
+        });
+        map
+    }
+
+    /// The map with each side extended to a multiple of `of` [planes, height, width] by repeating its last values.
+    pub fn padded(self, of: [usize; 3]) -> Self {
+        let sides: [usize; 3] = std::array::from_fn(|axis| self.sides()[axis].next_multiple_of(of[axis]));
+        self.sized(sides)
+    }
+
+    /// The first part of these sides; where they are larger, the last values are repeated.
+    pub fn sized(self, sides: [usize; 3]) -> Self {
+        if sides == self.sides() {
+            return self;
+        }
+        Self::by_rows(sides, self.channels, |Row { z, y }, to| {
+            let from = self.row(Row { z: z.min(self.planes - 1), y: y.min(self.height - 1) });
+            let shared = to.len().min(from.len());
+            to[..shared].copy_from_slice(&from[..shared]);
+            let last = &from[from.len() - self.channels..];
+            to[shared..].chunks_exact_mut(self.channels).for_each(|pixel| pixel.copy_from_slice(last));
+        })
+    }
+
+    /// A part of an image.
+    pub fn part(&self, (x, y): (usize, usize), (width, height): (usize, usize)) -> Self {
+        Self::by_rows([1, height, width], self.channels, |row, to| {
+            to.copy_from_slice(&self.line(y + row.y)[x * self.channels..][..width * self.channels]);
+        })
+    }
+
+    /// An image of half the size: each pixel is the mean of four. An odd last row or column is left out.
+    pub fn halved(&self) -> Self {
+        let c = self.channels;
+        Self::by_rows([1, self.height / 2, self.width / 2], c, |Row { y, .. }, to| {
+            let (above, below) = (self.line(2 * y), self.line(2 * y + 1));
+            for (x, to) in to.chunks_exact_mut(c).enumerate() {
+                for (channel, to) in to.iter_mut().enumerate() {
+                    let (left, right) = (2 * x * c + channel, (2 * x + 1) * c + channel);
+                    *to = 0.25 * (above[left] + above[right] + below[left] + below[right]);
+                }
+            }
+        })
+    }
+
+    /// An image of twice the size by bilinear interpolation between pixel centres, cut to `width` × `height`, plus `others`.
+    pub fn enlarged_onto(&self, others: &Self, then_relu: bool) -> Self {
+        let c = self.channels;
+        Self::by_rows(others.sides(), c, |Row { y, .. }, to| {
+            self.enlarged_row(y, to);
+            add(to, others.line(y));
+            if then_relu {
+                relu(to);
+            }
+        })
+    }
+
+    /// An image enlarged bilinearly to these sides, at most twice its own.
+    pub fn enlarged(&self, sides: [usize; 3]) -> Self {
+        Self::by_rows(sides, self.channels, |Row { y, .. }, to| self.enlarged_row(y, to))
+    }
+
+    /// Row `y` of the image at twice its size.
+    fn enlarged_row(&self, y: usize, to: &mut [f32]) {
+        let c = self.channels;
+        let neighbour = |at: usize, last: usize| if at % 2 == 0 { (at / 2).saturating_sub(1) } else { (at / 2 + 1).min(last) };
+        let (near, far) = (self.line(y / 2), self.line(neighbour(y, self.height - 1)));
+        for (x, to) in to.chunks_exact_mut(c).enumerate() {
+            let (a, b) = (x / 2 * c, neighbour(x, self.width - 1) * c);
+            for channel in 0..c {
+                let of = |row: &[f32]| 0.75 * row[a + channel] + 0.25 * row[b + channel];
+                to[channel] = 0.75 * of(near) + 0.25 * of(far);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp(width: usize, height: usize) -> Map {
+        let values = (0..width * height).flat_map(|i| [i as f32, -(i as f32)]).collect();
+        Map::image((width, height, 2), values)
+    }
+
+    #[test]
+    fn enlarged_and_halved_keep_the_centres() {
+        let map = ramp(6, 5);
+        let twice = map.enlarged([1, 10, 12]);
+        let back = twice.halved();
+        // Inside, interpolation of a plane is exact.
+        for y in 1..4 {
+            for x in 1..5 {
+                let at = (y * 6 + x) * 2;
+                assert!((back.values[at] - map.values[at]).abs() < 1e-4, "({x}, {y})");
+            }
+        }
+        assert_eq!(twice.line(0)[0], map.values[0], "the border is repeated");
+    }
+
+    #[test]
+    fn padding_repeats_the_last_values() {
+        let map = ramp(3, 2).padded([2, 4, 4]);
+        assert_eq!(map.sides(), [2, 4, 4]);
+        assert_eq!(map.row(Row { z: 1, y: 3 }), map.row(Row { z: 0, y: 1 }));
+        assert_eq!(map.line(1)[4..], [5.0, -5.0, 5.0, -5.0]);
+        assert_eq!(map.sized([1, 2, 3]), ramp(3, 2));
+    }
+
+    #[test]
+    fn a_part_is_where_it_was() {
+        assert_eq!(ramp(4, 3).part((1, 2), (2, 1)).values, [9.0, -9.0, 10.0, -10.0]);
+    }
+}
