@@ -7,7 +7,7 @@ use std::process::Command;
 
 use vamvs_core::{Planes, Size, Spacing};
 use vamvs_net::{Device, Estimator, EstimatorOptions, Network, Profile, tch};
-use vamvs_tests::{fixtures, folder};
+use vamvs_tests::{Rendered, fixtures, folder};
 
 /// The allocator of the command.
 #[global_allocator]
@@ -26,7 +26,11 @@ const LIKELY: std::ops::Range<f64> = 0.9..1.3;
 const ASKED: &str = "VAMVS_TEST_PEAK";
 
 /// Built-in networks with the coarse strides they are used with.
-const NETWORKS: [(&str, usize); 4] = [("photometric", 8), ("vis-max", 8), ("vis-max", 4), ("vis-corr", 4)];
+const NETWORKS: [(&str, usize); 5] =
+    [("photometric", 8), ("vis-max", 8), ("vis-max", 4), ("vis-corr", 4), (WITHOUT_LIBTORCH, 4)];
+
+/// Stands for vis-corr in Rust alone.
+const WITHOUT_LIBTORCH: &str = "vis-corr.safetensors";
 
 #[test]
 fn the_expected_peak_is_that_of_the_process() {
@@ -69,6 +73,9 @@ fn measure(asked: &str) {
     let (width, height) = parts[2].split_once('x').unwrap();
     let size = Size::new(width.parse().unwrap(), height.parse().unwrap());
     let views = fixtures::still_life(size, VIEWS);
+    if parts[0] == WITHOUT_LIBTORCH {
+        return measure_without_libtorch(&views, size);
+    }
     let path = format!("{}/../weights/{}.pt", env!("CARGO_MANIFEST_DIR"), parts[0]);
     let mut network = Network::load(path.as_ref(), Device::Cpu).unwrap();
     network.set_coarse_stride(parts[1].parse().unwrap()).unwrap();
@@ -82,6 +89,19 @@ fn measure(asked: &str) {
     let sources: Vec<_> = encoded[1..].iter().collect();
     estimator.estimate(&encoded[0], &sources, &planes, &mut Profile::default()).unwrap();
     let expected = before + estimator.peak_bytes(size, VIEWS, PLANES) as f64 / f64::from(1 << 20);
+    println!("\npeak of {expected:.1} {:.1}", held("VmHWM:"));
+}
+
+/// As [`measure`], of vis-corr in Rust alone.
+fn measure_without_libtorch(views: &[Rendered], size: Size) {
+    let network = vamvs_corr::Network::new(vamvs_weights::VIS_CORR).unwrap();
+    let range = folder::depth_range(&views[0], 1.05).unwrap();
+    let planes = Planes { range, count: PLANES, spacing: Spacing::Depth };
+    let before = held("VmRSS:");
+    let encoded: Vec<_> = views.iter().map(|view| network.encode(&view.photo).unwrap()).collect();
+    let sources: Vec<_> = encoded[1..].iter().collect();
+    network.estimate(&encoded[0], &sources, &planes, &mut |_, run| run()).unwrap();
+    let expected = before + network.peak_bytes(size, VIEWS, PLANES) as f64 / f64::from(1 << 20);
     println!("\npeak of {expected:.1} {:.1}", held("VmHWM:"));
 }
 

@@ -233,7 +233,7 @@ fn all_parts_of_a_cascade_learn() {
     let mut job = job(folder.path(), "out", 2);
     (job.options.coarse_steps, job.options.freeze_norm_after, job.options.sample.beyond) = (2, 0, 0.5);
     let cascade = || {
-        Network::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../weights/cascade.pt").as_ref(), Device::Cpu)
+        Network::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../weights/vis-corr.pt").as_ref(), Device::Cpu)
             .unwrap()
     };
     let before = cascade().parameters().unwrap();

@@ -15,7 +15,7 @@ use crate::{cargo, setup};
 const MDBOOK: &str = "0.5.4";
 
 /// Documents outside `docs/`, and files that documents link to. All of `docs/` is in the book too.
-const DOCUMENTS: [&str; 20] = [
+const DOCUMENTS: [&str; 19] = [
     "README.md",
     "ARCHITECTURE.md",
     "CITATION.cff",
@@ -29,7 +29,6 @@ const DOCUMENTS: [&str; 20] = [
     "workflow/Snakefile",
     "workflow/slurm.sh",
     "crates/vamvs-python/README.md",
-    "weights/cascade.md",
     "weights/hold-out.txt",
     "weights/photometric.md",
     "weights/var.md",

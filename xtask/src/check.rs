@@ -19,11 +19,20 @@ pub struct Check {
 }
 
 impl Check {
-    /// Sets up libtorch if there is none, builds the `vamvs` command and `vamvs-checks`, and runs the check `name`.
+    /// Builds the `vamvs` command and `vamvs-checks`, and runs the check `name`.
     pub fn run(&self, name: &str) -> Result<()> {
+        self.run_built(name, &[])
+    }
+
+    /// As [`Check::run`], of a check that trains networks or uses others than the default one; sets up libtorch if there is none.
+    pub fn run_with_libtorch(&self, name: &str) -> Result<()> {
         setup::ensure_any()?;
+        self.run_built(name, &["--features", "vamvs-cli/torch"])
+    }
+
+    fn run_built(&self, name: &str, features: &[&str]) -> Result<()> {
         let packages = ["build", "--release", "-p", "vamvs-cli", "-p", "vamvs-checks"];
-        run("build", &mut cargo(&packages))?;
+        run("build", cargo(&packages).args(features))?;
         let program = target()?.join("release").join(format!("vamvs-checks{}", std::env::consts::EXE_SUFFIX));
         let status = Command::new(&program).arg(name).args(&self.arguments).status();
         let status = status.with_context(|| format!("{} could not be started", program.display()))?;

@@ -8,11 +8,11 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde_json::Value;
 
+use crate::cargo;
 use crate::files::{copy, create_folder, list, remove, write};
 use crate::step::{root, run, target};
-use crate::{cargo, setup};
 
-/// Pack the `vamvs` command with its libtorch, man pages, completions and licences into a .tar.gz.
+/// Pack the `vamvs` command, which needs no libtorch, with man pages, completions and licences into a .tar.gz.
 #[derive(Args)]
 pub struct Dist {
     /// Folder for the archive and for the folder that it is packed from.
@@ -23,15 +23,6 @@ pub struct Dist {
 impl Dist {
     pub fn run(&self) -> Result<()> {
         ensure!(cfg!(target_os = "linux"), "cargo xtask dist works on Linux only");
-        setup::ensure_any()?;
-        ensure!(
-            setup::used_folder() == setup::own_folder(),
-            "only the pinned libtorch can be packed: unset LIBTORCH and run this again"
-        );
-        ensure!(
-            setup::own_folder().join("licenses").is_dir() && !setup::own_folder().join("site").exists(),
-            "only the libtorch for the CPU, with its licences, can be packed: remove .libtorch and run this again"
-        );
         run("build", &mut cargo(&["build", "--release", "-p", "vamvs-cli"]))?;
         let name = format!("vamvs-{}-{}-linux", env!("CARGO_PKG_VERSION"), std::env::consts::ARCH);
         let (out, folder) = (root().join(&self.out), root().join(&self.out).join(&name));
@@ -54,15 +45,6 @@ fn fill(folder: &Path) -> Result<()> {
     // Debug information, for the line numbers of panics, is most of the size. If there is no `strip`, the program is
     // larger and otherwise the same.
     Command::new("strip").arg("--strip-debug").arg(&program).status().ok();
-    let libtorch = setup::own_folder();
-    for library in list(&libtorch.join("lib"))? {
-        let name = library.file_name().context("a library has a name")?;
-        // `libtorch.so` is a linker script, used only by builds.
-        if name != "libtorch.so" {
-            copy(&library, &folder.join("lib").join(name))?;
-        }
-    }
-    run("licences", Command::new("cp").arg("-r").arg(libtorch.join("licenses")).arg(folder))?;
     for name in ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE"] {
         copy(&root().join(name), &folder.join(name))?;
     }
@@ -83,8 +65,7 @@ fn fill(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The text of LICENSES.txt: where the licences of libtorch are, and the licence and its text for each crate in the
-/// command.
+/// The text of LICENSES.txt: the licence and its text for each crate in the command.
 fn licences() -> Result<String> {
     let output =
         cargo(&["metadata", "--format-version", "1", "--filter-platform", "x86_64-unknown-linux-gnu"])
@@ -92,11 +73,7 @@ fn licences() -> Result<String> {
     ensure!(output.status.success(), "cargo metadata failed: {}", String::from_utf8_lossy(&output.stderr));
     let metadata: Value = serde_json::from_slice(&output.stdout).context("cargo metadata")?;
     let used = used_by(&metadata, "vamvs-cli");
-    let mut text = String::from(
-        "Besides vamvs itself, lib/ holds libtorch and the libraries of NVIDIA CUDA that it needs, whose licences are \
-         in licenses/, and libgomp of GCC (GPL-3.0 with the runtime library exception). bin/vamvs contains these \
-         crates:\n",
-    );
+    let mut text = String::from("bin/vamvs contains these crates:\n");
     for package in metadata["packages"].as_array().into_iter().flatten() {
         let of = |key: &str| package[key].as_str().unwrap_or_default();
         if package["source"].is_null() || !used.contains(&of("id")) {

@@ -72,7 +72,7 @@ fn main() -> ExitCode {
         Command::Demo(check) => check.run("demo"),
         Command::Picture(check) => check.run("picture"),
         Command::Real(check) => check.run("real"),
-        Command::Paper(check) => check.run("paper"),
+        Command::Paper(check) => check.run_with_libtorch("paper"),
         Command::Stress(check) => check.run("stress"),
         Command::Aerial(check) => check.run("aerial"),
         Command::Soak(check) => check.run("soak"),

@@ -9,6 +9,7 @@ use clap::Args;
 
 use crate::files::{create_folder, write};
 use crate::step::{root, run, target};
+use crate::test::ALL;
 use crate::{cargo, setup};
 
 /// The crates that other programs embed. docs/api has a list of the public API of each.
@@ -39,8 +40,8 @@ impl PublishCheck {
         lowest_rust()?;
         platforms()?;
         documentation_without_libtorch()?;
-        outside(&[], "with the network")?;
-        outside(&["--no-default-features"], "without the network")?;
+        outside(&["--features", "torch"], "with libtorch")?;
+        outside(&[], "without libtorch")?;
         self.public_api()
     }
 
@@ -100,15 +101,15 @@ fn lowest_rust() -> Result<()> {
     let stated = manifest.lines().find_map(|line| line.strip_prefix("rust-version = \"")?.strip_suffix('"'));
     let version = stated.context("Cargo.toml states no rust-version")?;
     let mut check = rustup(version);
-    check.args(["check", "--workspace", "--all-targets", "--target-dir", "target/lowest-rust"]);
+    check.args(["check", "--all-targets", "--target-dir", "target/lowest-rust"]).args(ALL);
     run(&format!("check with Rust {version}"), &mut check)
 }
 
-/// Type-checks the command without the network for other platforms. CARGO_FEATURE_PURE keeps blake3 to its Rust code,
+/// Type-checks the command without libtorch for other platforms. CARGO_FEATURE_PURE keeps blake3 to its Rust code,
 /// so that no C compilers for the platforms are needed.
 fn platforms() -> Result<()> {
     for platform in PLATFORMS {
-        let arguments = ["check", "-p", "vamvs-cli", "--no-default-features", "--target", platform];
+        let arguments = ["check", "-p", "vamvs-cli", "--target", platform];
         run(&format!("check for {platform}"), cargo(&arguments).env("CARGO_FEATURE_PURE", "1"))?;
     }
     Ok(())

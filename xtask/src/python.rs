@@ -8,13 +8,16 @@ use clap::Args;
 
 use crate::files::{copy, remove};
 use crate::step::{root, run, target};
+use crate::test::ALL;
 use crate::{cargo, pip, setup};
 
 /// Build the Python package `vamvs` as a wheel.
-///
-/// The wheel depends on the package torch, whose libtorch it uses.
 #[derive(Args)]
 pub struct Wheel {
+    /// With TorchScript modules, GPUs by CUDA and training. That wheel uses the libtorch of the package torch: `pip install
+    /// "vamvs[torch]"` installs it.
+    #[arg(long)]
+    torch: bool,
     /// Folder for the wheel.
     #[arg(long, value_name = "DIR", default_value = "target/wheels")]
     out: PathBuf,
@@ -22,13 +25,18 @@ pub struct Wheel {
 
 impl Wheel {
     pub fn run(&self) -> Result<()> {
-        setup::ensure_any()?;
+        if self.torch {
+            setup::ensure_any()?;
+        }
         let tools = target()?.join("python-tools");
         pip::install(&["maturin==1.9.6"], &tools, "100 MB")?;
         let out = root().join(&self.out);
         let mut maturin =
             Command::new(tools.join("bin").join(format!("maturin{}", std::env::consts::EXE_SUFFIX)));
         maturin.args(["build", "--release", "--out"]).arg(&out).current_dir(package());
+        if self.torch {
+            maturin.args(["--features", "torch"]);
+        }
         // maturin builds with other flags: in a shared target folder each would make the other rebuild everything.
         run("wheel", maturin.env("PYTHONPATH", &tools).env("CARGO_TARGET_DIR", target()?.join("wheel")))?;
         println!("the wheel is in {}", out.display());
@@ -40,7 +48,7 @@ impl Wheel {
 pub fn test() -> Result<()> {
     // The whole workspace with its examples, which use development dependencies as the tests do. Anything less would
     // build the dependencies with other features, and compile most of them again.
-    run("build the Python package", &mut cargo(&["build", "--workspace", "--lib", "--bins", "--examples"]))?;
+    run("build the Python package", cargo(&["build", "--lib", "--bins", "--examples"]).args(ALL))?;
     let site = target()?.join("python-site");
     pip::install(&["numpy>=1.24,<3", "pytest>=8,<10"], &site, "200 MB")?;
     assemble(&site)?;

@@ -9,7 +9,7 @@ use crate::step::{run, target};
 use crate::{book, cargo, python, setup, workflow};
 
 /// Check everything: formatting, lints, tests, documentation, the Python package, Snakemake, the book, the build
-/// without libtorch.
+/// with libtorch and without.
 ///
 /// Sets up libtorch first, if there is none.
 #[derive(Args)]
@@ -20,9 +20,9 @@ impl Test {
         let start = Instant::now();
         setup::ensure_any()?;
         run("format", &mut cargo(&["fmt", "--all", "--check"]))?;
-        run("lint", &mut cargo(&["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]))?;
-        run("test", &mut cargo(&["test", "--workspace"]))?;
-        run("document", cargo(&["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))?;
+        run("lint", cargo(&["clippy"]).args(ALL).args(["--all-targets", "--", "-D", "warnings"]))?;
+        run("test", cargo(&["test"]).args(ALL))?;
+        run("document", cargo(&["doc", "--no-deps"]).args(ALL).env("RUSTDOCFLAGS", "-D warnings"))?;
         python::test()?;
         let vamvs = target()?.join("debug").join(format!("vamvs{}", std::env::consts::EXE_SUFFIX));
         workflow::test(&vamvs)?;
@@ -33,8 +33,11 @@ impl Test {
     }
 }
 
-/// Builds the command without the network, with a LIBTORCH that does not exist, and runs its tests.
+/// All crates, with all that needs libtorch.
+pub const ALL: [&str; 3] = ["--workspace", "--features", "vamvs-cli/torch,vamvs-python/torch"];
+
+/// Builds the command as it is by default, with a LIBTORCH that does not exist, and runs its tests.
 fn test_without_libtorch() -> Result<()> {
-    let mut test = cargo(&["test", "-p", "vamvs-cli", "--no-default-features"]);
+    let mut test = cargo(&["test", "-p", "vamvs-cli"]);
     run("test without libtorch", test.env("LIBTORCH", "no-libtorch-here"))
 }

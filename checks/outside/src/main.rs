@@ -27,9 +27,9 @@ const DISTANCE: f64 = 4.0;
 fn main() -> Result<()> {
     let scene = scene();
     cancel_fusion(&exact(&scene))?;
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     let maps = network::maps(&scene)?;
-    #[cfg(not(feature = "net"))]
+    #[cfg(not(feature = "torch"))]
     let maps = exact(&scene);
     let cloud = fuse_in_memory(&maps, &FusionOptions::default(), &mut |_| ControlFlow::Continue(()))?;
     println!("{} points, median error {:.4} m", cloud.len(), median_error(&cloud));
@@ -96,7 +96,7 @@ fn median_error(cloud: &Cloud) -> f64 {
     errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod network {
     use vamvs::{Picture, PhotoSource, Reconstruction};
 

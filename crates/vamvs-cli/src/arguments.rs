@@ -1,6 +1,6 @@
 //! Arguments of the command line. Flags that are not given leave the configuration as it is.
 
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod calibrate;
 mod eval;
 mod fusion;
@@ -8,7 +8,7 @@ mod input;
 mod refine;
 mod synth;
 mod tasks;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod train;
 
 use std::path::PathBuf;
@@ -19,9 +19,9 @@ use vamvs::export::{DepthFormat, ExportTarget};
 use vamvs::output::folder_of;
 use vamvs::{Quality, core::Spacing};
 
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 pub use calibrate::CalibrateArguments;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 pub use eval::EvalNetworkArguments;
 pub use eval::{
     CloudPreset, DepthThresholdFlags, DtuFlags, EvalArguments, EvalCloudArguments, EvalCommand,
@@ -33,7 +33,7 @@ pub use refine::RefineArguments;
 pub use synth::{AssetFlags, SynthArguments};
 pub use tasks::{DepthCommand, DepthStepFlags, DepthTask, TasksArguments};
 pub use tasks::{FusionStepFlags, FusionTask};
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 pub use train::{SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
 
 /// Dense multi-view stereo: photographs with known cameras to depth maps and one coloured point cloud.
@@ -75,11 +75,11 @@ pub enum Command {
     #[command(after_help = PSEUDO_EXAMPLES)]
     Pseudo(PseudoArguments),
     /// Train a network on scenes with ground truth.
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     #[command(after_help = train::EXAMPLES)]
     Train(TrainArguments),
     /// Calibrate the confidence of a network: make it the share of depths that are right.
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     #[command(after_help = calibrate::EXAMPLES)]
     Calibrate(CalibrateArguments),
     /// Compare depth maps, clouds or whole scenes with ground truth.
@@ -123,7 +123,7 @@ impl Command {
     /// What to do after the command was interrupted.
     pub fn resumption(&self) -> &'static str {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Train(_) => GOES_ON,
             Self::Reconstruct(arguments) if arguments.depth.force => GOES_ON_WITHOUT_FORCE,
             Self::Depth(DepthCommand { depth, .. }) if depth.force => GOES_ON_WITHOUT_FORCE,
@@ -268,7 +268,7 @@ pub struct ManArguments {
 /// `info`.
 #[derive(Debug, Args)]
 pub struct InfoArguments {
-    /// A .pt, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/; or the word
+    /// A .pt, .safetensors, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/; or the word
     /// `device`.
     #[arg(value_name = "FILE|DIR|device")]
     pub what: PathBuf,
@@ -282,19 +282,20 @@ pub struct InfoArguments {
 #[command(next_help_heading = "Depth")]
 pub struct DepthFlags {
     #[cfg_attr(
-        feature = "net",
+        feature = "torch",
         doc = "The network: vis-corr (light), vis-max (the paper's aggregation, for six times the time) or photometric"
     )]
     #[cfg_attr(
-        feature = "net",
-        doc = "(handcrafted), which are built in, a TorchScript module, or none: a plane sweep"
+        feature = "torch",
+        doc = "(handcrafted), which are built in, a TorchScript module, weights of vis-corr in a .safetensors file, or none: a plane sweep"
     )]
-    #[cfg_attr(feature = "net", doc = "with semi-global matching [default: vis-corr].")]
+    #[cfg_attr(feature = "torch", doc = "with semi-global matching [default: vis-corr].")]
     #[cfg_attr(
-        not(feature = "net"),
-        doc = "none, a plane sweep with semi-global matching: this build has no networks."
+        not(feature = "torch"),
+        doc = "The network: vis-corr, which is built in, a .safetensors file with its weights, or none: a plane sweep with semi-global"
     )]
-    #[arg(long, value_name = "NAME|FILE.pt")]
+    #[cfg_attr(not(feature = "torch"), doc = "matching [default: vis-corr].")]
+    #[arg(long, value_name = "NAME|FILE")]
     pub weights: Option<PathBuf>,
     /// Trade-off between time and quality; other flags override parts of it [default: normal].
     #[arg(long, value_enum, conflicts_with = "preview")]
@@ -306,7 +307,7 @@ pub struct DepthFlags {
     #[arg(long, value_name = "PIXELS")]
     pub max_size: Option<usize>,
     /// The network, or the plane sweep without one, sees larger photographs reduced to this longer side, pixels. vis-corr
-    /// sees smaller ones also enlarged to it, at most twice, and what it is surer of is refined [default: 896].
+    /// sees smaller ones also enlarged to it, at most twice, and what it is surer of is refined [default: 1536].
     #[arg(long, value_name = "PIXELS")]
     pub network_size: Option<usize>,
     /// Write the depth maps that refinement would start from, smaller than their photographs and without normals.
@@ -326,8 +327,8 @@ pub struct DepthFlags {
     /// [default: 255, none].
     #[arg(long, value_name = "LEVEL")]
     pub max_brightness: Option<u8>,
-    /// Number of views for a depth map, the reference view included. Beyond five, a source view is used only if its score
-    /// is at least 0.3 times the best one [default: 5].
+    /// Number of views for a depth map, the reference view included; fewer where no more of them show the same surfaces
+    /// [default: 5].
     #[arg(long, value_name = "N")]
     pub views: Option<usize>,
     /// Number of planes of the plane sweep [default: from the cameras, about one every 4 pixels of disparity].
@@ -345,14 +346,18 @@ pub struct DepthFlags {
     /// Region of interest: depth only inside of this box in world coordinates.
     #[arg(long, action = ArgAction::Set, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_hyphen_values = true)]
     pub roi: Option<Vec<f64>>,
-    /// What only networks have.
-    #[cfg(feature = "net")]
+    /// Also write how likely each source view sees each pixel, as the network predicts it: visibility/NAME.png, a tile
+    /// for each source view. Networks that weigh views have it, such as vis-corr.
+    #[arg(long)]
+    pub visibility: bool,
+    /// What only libtorch has.
+    #[cfg(feature = "torch")]
     #[command(flatten)]
     pub network: NetworkFlags,
 }
 
-/// What only networks have.
-#[cfg(feature = "net")]
+/// What only libtorch has.
+#[cfg(feature = "torch")]
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Network")]
 pub struct NetworkFlags {
@@ -370,10 +375,6 @@ pub struct NetworkFlags {
     /// maps are called NAME@8 (at a stride of 8) and NAME@4.
     #[arg(long)]
     pub fovea: bool,
-    /// Also write how likely each source view sees each pixel, as the network predicts it: visibility/NAME.png, a tile
-    /// for each source view. Networks that weigh views have it, such as vis-corr.
-    #[arg(long)]
-    pub visibility: bool,
 }
 
 /// Exports for other programs.

@@ -1,16 +1,16 @@
 //! The `vamvs` command as a program.
 
-#[cfg(all(feature = "net", target_os = "linux"))]
+#[cfg(all(feature = "torch", target_os = "linux"))]
 mod allocator;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod openmp;
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     openmp::wait_asleep();
-    #[cfg(all(feature = "net", target_os = "linux"))]
+    #[cfg(all(feature = "torch", target_os = "linux"))]
     allocator::register();
     vamvs_cli::run(std::env::args_os())
 }

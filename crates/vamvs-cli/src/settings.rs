@@ -154,7 +154,7 @@ impl Settings {
             bail!("threads must be from 1 to 1024, got {threads}");
         }
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot make threads")?;
-        #[cfg(feature = "net")]
+        #[cfg(feature = "torch")]
         vamvs::net::tch::set_num_threads(threads as i32);
         Ok(())
     }
@@ -303,7 +303,8 @@ mod depth {
                 depth.roi = Some(roi);
                 self.fusion.roi = Some(roi);
             }
-            #[cfg(feature = "net")]
+            self.depth.visibility |= flags.visibility;
+            #[cfg(feature = "torch")]
             self.apply_network(&flags.network);
             if self.depth.fovea {
                 self.fusion.roi = None;
@@ -311,13 +312,12 @@ mod depth {
             Ok(())
         }
 
-        #[cfg(feature = "net")]
+        #[cfg(feature = "torch")]
         fn apply_network(&mut self, flags: &crate::arguments::NetworkFlags) {
             set(&mut self.device, flags.device.clone().map(Some));
             set(&mut self.depth.coarse_stride, flags.coarse_stride.map(Some));
             set(&mut self.depth.iterations, flags.iterations.map(Some));
             self.depth.fovea |= flags.fovea;
-            self.depth.visibility |= flags.visibility;
         }
 
         /// The reconstruction of a scene with these settings; `loaded.masks` are those found with

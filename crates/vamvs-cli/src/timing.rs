@@ -4,7 +4,6 @@ use std::time::{Duration, Instant};
 
 use vamvs::FuseSummary;
 
-use crate::command::depth::stages;
 use crate::progress::Progress;
 
 /// Steps of a run with the time that they took.
@@ -35,10 +34,11 @@ impl Timing {
     /// Adds the steps of estimating depth.
     pub fn add_depth(&mut self, summary: &vamvs::DepthSummary) {
         self.add("reading", summary.reading);
-        if summary.sweeping > Duration::ZERO {
-            self.add("plane sweep", summary.sweeping);
-        } else {
-            stages(summary).into_iter().for_each(|(name, time)| self.add(&format!("network: {name}"), time));
+        for (name, time) in &summary.stages {
+            match name.as_str() {
+                "plane-sweep" => self.add("plane sweep", *time),
+                name => self.add(&format!("network: {name}"), *time),
+            }
         }
         self.add("refinement", summary.refining);
         self.add("geometric pass", summary.refining_again);

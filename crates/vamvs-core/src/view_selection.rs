@@ -334,7 +334,8 @@ mod tests {
         let three = select_in(&scene, 3)[0].clone();
         assert!(three.contains(&5), "the only one that sees the border: {three:?}");
         assert!(three.contains(&4), "the one from another side, not one more from the same: {three:?}");
-        let scores: Vec<f64> = select(&scene, &[PINHOLE; 6], 9)[0].iter().map(|source| source.score).collect();
+        let scores: Vec<f64> =
+            select(&scene, &[PINHOLE; 6], 9)[0].iter().map(|source| source.score).collect();
         assert!(scores[0] >= scores[1] && scores.len() == 5, "{scores:?}");
     }
 

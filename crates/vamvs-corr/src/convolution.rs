@@ -9,8 +9,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use crate::lanes::Lanes;
 use crate::map::{Map, Row};
-use crate::wide::widest;
+use crate::wide::{Widest, widened, widest};
 
 /// The weights of a convolution as PyTorch has them: (outputs, inputs, kz, ky, kx), of a transposed one
 /// (inputs, outputs, kz, ky, kx).
@@ -183,10 +184,7 @@ impl Convolution {
         let rows = out.values.par_chunks_mut(width * self.outputs).enumerate();
         rows.for_each_init(Vec::new, |scratch, (at, values)| {
             let row = Row { z: planes.start + at / height, y: at % height };
-            match self.lanes {
-                8 => run_row::<8>(self, input, row, values, scratch),
-                _ => run_row::<16>(self, input, row, values, scratch),
-            }
+            run_row(self, input, row, values, scratch);
             finish(row, values);
         });
         out
@@ -197,9 +195,42 @@ fn lanes_for(outputs: usize) -> usize {
     if outputs <= 8 { 8 } else { 16 }
 }
 
-/// One row of the output.
+/// One row of the output, by the widest vectors that the processor has.
+fn run_row(layer: &Convolution, input: &Map, row: Row, out: &mut [f32], scratch: &mut Vec<f32>) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use crate::lanes::x86::{Avx, Avx512};
+
+        #[target_feature(enable = "avx2,fma")]
+        fn avx2(layer: &Convolution, input: &Map, row: Row, out: &mut [f32], scratch: &mut Vec<f32>) {
+            match layer.lanes {
+                8 => row_of::<12, Avx<1>>(layer, input, row, out, scratch),
+                _ => row_of::<6, Avx<2>>(layer, input, row, out, scratch),
+            }
+        }
+        #[target_feature(enable = "avx512f,avx512vl,avx2,fma")]
+        fn avx512(layer: &Convolution, input: &Map, row: Row, out: &mut [f32], scratch: &mut Vec<f32>) {
+            match layer.lanes {
+                8 => row_of::<12, Avx<1>>(layer, input, row, out, scratch),
+                _ => row_of::<12, Avx512>(layer, input, row, out, scratch),
+            }
+        }
+        match widest() {
+            // SAFETY: the processor has what the functions are compiled for.
+            Widest::Avx512 => return unsafe { avx512(layer, input, row, out, scratch) },
+            // SAFETY: as above.
+            Widest::Avx2 => return unsafe { avx2(layer, input, row, out, scratch) },
+            Widest::Any => {}
+        }
+    }
+    match layer.lanes {
+        8 => row_of::<6, [f32; 8]>(layer, input, row, out, scratch),
+        _ => row_of::<6, [f32; 16]>(layer, input, row, out, scratch),
+    }
+}
+
 #[inline(always)]
-fn row_of<const P: usize, const L: usize>(
+fn row_of<const P: usize, V: Lanes>(
     layer: &Convolution,
     input: &Map,
     row: Row,
@@ -208,26 +239,18 @@ fn row_of<const P: usize, const L: usize>(
 ) {
     if !layer.doubles {
         let place = [row.z * layer.stride, row.y * layer.stride].map(|place| place as isize);
-        return pass_of::<P, L>(layer, &layer.passes[0], input, place, (0, 1), out, scratch);
+        return pass_of::<P, V>(layer, &layer.passes[0], input, place, (0, 1), out, scratch);
     }
     let place = [row.z / 2, row.y / 2].map(|place| place as isize);
     for parity in 0..2 {
         let pass = &layer.passes[row.z % 2 * 4 + row.y % 2 * 2 + parity];
-        pass_of::<P, L>(layer, pass, input, place, (parity, 2), out, scratch);
+        pass_of::<P, V>(layer, pass, input, place, (parity, 2), out, scratch);
     }
 }
 
-widest!(row_of<P, L> => run_row(
-    layer: &Convolution,
-    input: &Map,
-    row: Row,
-    out: &mut [f32],
-    scratch: &mut Vec<f32>,
-); [12, 6]);
-
 /// Every `step`-th pixel of a row, from `first` on, by one pass over the input around (z, y).
 #[inline(always)]
-fn pass_of<const P: usize, const L: usize>(
+fn pass_of<const P: usize, V: Lanes>(
     layer: &Convolution,
     pass: &Pass,
     input: &Map,
@@ -238,16 +261,15 @@ fn pass_of<const P: usize, const L: usize>(
 ) {
     let (channels, outputs) = (layer.inputs, layer.outputs);
     let columns = (out.len() / outputs).saturating_sub(first).div_ceil(step);
-    let rows_of_block = pass.panels.len() / L / layer.shift.len().div_ceil(L);
-    let panels = pass.panels.as_chunks::<L>().0;
-    let shifts = layer.shift.as_chunks::<L>().0;
-    for (block, shift) in shifts.iter().enumerate() {
-        let lanes = L.min(outputs - block * L);
+    let blocks = layer.shift.len() / V::COUNT;
+    for block in 0..blocks {
+        let shift = V::load(&layer.shift[block * V::COUNT..]);
+        let lanes = V::COUNT.min(outputs - block * V::COUNT);
         for x in (0..columns).step_by(P) {
-            let mut sums = [*shift; P];
-            let mut panel = &panels[block * rows_of_block..][..rows_of_block];
+            let mut sums = [shift; P];
+            let mut panel = &pass.panels[block * pass.panels.len() / blocks..];
             for tap in &pass.taps {
-                let (weights, rest) = panel.split_at(tap.pixels * channels);
+                let (weights, rest) = panel.split_at(tap.pixels * channels * V::COUNT);
                 panel = rest;
                 let (z, y) = (z + tap.z, y + tap.y);
                 if z < 0 || y < 0 || z >= input.planes as isize || y >= input.height as isize {
@@ -263,14 +285,24 @@ fn pass_of<const P: usize, const L: usize>(
                     copy_run(line, channels, begin, pixels, scratch);
                     &scratch[..]
                 };
-                accumulate(run, layer.stride * channels, weights, &mut sums);
+                sums = accumulate(run, (layer.stride * channels, tap.pixels * channels), weights, sums);
             }
-            for (p, sum) in sums.iter().enumerate().take(columns - x) {
-                out[(first + (x + p) * step) * outputs + block * L..][..lanes].copy_from_slice(&sum[..lanes]);
+            for (p, sum) in sums.into_iter().enumerate().take(columns - x) {
+                let to = &mut out[(first + (x + p) * step) * outputs + block * V::COUNT..];
+                if lanes == V::COUNT {
+                    sum.store(to);
+                } else {
+                    let mut whole = [0.0; MOST_LANES];
+                    sum.store(&mut whole);
+                    to[..lanes].copy_from_slice(&whole[..lanes]);
+                }
             }
         }
     }
 }
+
+/// The most lanes of a vector.
+const MOST_LANES: usize = 16;
 
 /// Copies `pixels` pixels of a line from `begin` on into `scratch`, with zeros where it has none.
 fn copy_run(line: &[f32], channels: usize, begin: isize, pixels: usize, scratch: &mut Vec<f32>) {
@@ -283,23 +315,27 @@ fn copy_run(line: &[f32], channels: usize, begin: isize, pixels: usize, scratch:
     scratch[to..to + count].copy_from_slice(&line[low as usize * channels..][..count]);
 }
 
-/// Adds to each pixel's sums its run, which begins `step` values after that of the pixel before, times the weights.
+/// Each pixel's sums plus its run of `length` values, which begins `step` values after that of the pixel before, times the weights.
 #[inline(always)]
-fn accumulate<const P: usize, const L: usize>(
+fn accumulate<const P: usize, V: Lanes>(
     run: &[f32],
-    step: usize,
-    weights: &[[f32; L]],
-    sums: &mut [[f32; L]; P],
-) {
-    let runs: [&[f32]; P] = std::array::from_fn(|p| &run[p * step..][..weights.len()]);
-    for (k, weights) in weights.iter().enumerate() {
-        for (sum, run) in sums.iter_mut().zip(&runs) {
-            let value = run[k];
-            for (sum, weight) in sum.iter_mut().zip(weights) {
-                *sum = value.mul_add(*weight, *sum);
-            }
+    (step, length): (usize, usize),
+    weights: &[f32],
+    mut sums: [V; P],
+) -> [V; P] {
+    assert!(
+        run.len() >= (P - 1) * step + length && weights.len() >= length * V::COUNT,
+        "a run of each pixel"
+    );
+    for k in 0..length {
+        let of_lanes = V::load(&weights[k * V::COUNT..]);
+        for (p, sum) in sums.iter_mut().enumerate() {
+            // SAFETY: p · step + k is below (P − 1) · step + length, which the run is at least as long as.
+            let value = unsafe { *run.get_unchecked(p * step + k) };
+            *sum = sum.plus(of_lanes, value);
         }
     }
+    sums
 }
 
 /// A convolution of stride 1 to one channel. Its products are summed over lanes of input channels.
@@ -354,7 +390,7 @@ impl ToOne {
 }
 
 #[inline(always)]
-fn row_to_one<const P: usize>(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]) {
+fn row_to_one(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]) {
     let [depth, height, width] = layer.sides;
     let line = width * layer.inputs;
     for (x, out) in out.iter_mut().enumerate() {
@@ -369,7 +405,8 @@ fn row_to_one<const P: usize>(layer: &ToOne, input: &Map, first: usize, row: Row
             let low = begin.max(0);
             let high = (begin + width as isize).min(input.width as isize);
             let weights = &layer.weights[(kz * height + ky) * line..][..line];
-            let weights = &weights[(low - begin) as usize * layer.inputs..(high - begin) as usize * layer.inputs];
+            let weights =
+                &weights[(low - begin) as usize * layer.inputs..(high - begin) as usize * layer.inputs];
             let values = &input.row(Row { z: z as usize, y: y as usize })[low as usize * layer.inputs..];
             let (weights, values) = (weights.as_chunks::<LANES>().0, values.as_chunks::<LANES>().0);
             for (weights, values) in weights.iter().zip(values) {
@@ -383,13 +420,7 @@ fn row_to_one<const P: usize>(layer: &ToOne, input: &Map, first: usize, row: Row
     }
 }
 
-widest!(row_to_one<P> => run_row_to_one(
-    layer: &ToOne,
-    input: &Map,
-    first: usize,
-    row: Row,
-    out: &mut [f32],
-); [1, 1]);
+widened!(row_to_one => run_row_to_one(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]));
 
 #[cfg(test)]
 mod tests {
@@ -463,7 +494,10 @@ mod tests {
                 for output in 0..kernel.outputs {
                     let expected = defined(&kernel, moves, &input, place, output);
                     let found = value(&out, place.map(|at| at as isize), output);
-                    assert!((found - expected).abs() < 1e-4, "{sides:?} {place:?}: {found} is not {expected}");
+                    assert!(
+                        (found - expected).abs() < 1e-4,
+                        "{sides:?} {place:?}: {found} is not {expected}"
+                    );
                 }
             }
         }
@@ -485,7 +519,8 @@ mod tests {
                 }
                 let [z, y, x] = to.map(|to| to as usize);
                 for (channel, output) in (0..16).flat_map(|c| (0..outputs).map(move |o| (c, o))) {
-                    let weight = kernel.weights[(channel * outputs + output) * 27 + at[0] * 9 + at[1] * 3 + at[2]];
+                    let weight =
+                        kernel.weights[(channel * outputs + output) * 27 + at[0] * 9 + at[1] * 3 + at[2]];
                     let product = f64::from(weight) * value(&input, place.map(|at| at as isize), channel);
                     expected[((z * 6 + y) * 30 + x) * outputs + output] += product;
                 }
@@ -519,7 +554,8 @@ mod tests {
         let kernel = Kernel { shift: numbers(8, 2), ..kernel };
         let (layer, input) = (Convolution::doubling(&kernel), map([4, 3, 5], 16));
         let whole = layer.run(&input, |row, values| values.iter_mut().for_each(|v| *v += row.z as f32));
-        let part = layer.run_planes(&input, 3..6, |row, values| values.iter_mut().for_each(|v| *v += row.z as f32));
+        let part =
+            layer.run_planes(&input, 3..6, |row, values| values.iter_mut().for_each(|v| *v += row.z as f32));
         assert_eq!(part.values, whole.values[3 * 6 * 10 * 8..6 * 6 * 10 * 8]);
     }
 }

@@ -7,8 +7,9 @@
 //!
 //! Results are the same bit for bit for any number of threads and on any instruction set.
 
-pub mod error;
 mod convolution;
+pub mod error;
+mod lanes;
 mod map;
 pub mod network;
 mod plane_map;

@@ -1,5 +1,7 @@
 //! Images and volumes of features.
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use crate::wide::{add, relu};
@@ -30,7 +32,11 @@ impl Map {
 
     /// An image of these values.
     pub fn image((width, height, channels): (usize, usize, usize), values: Vec<f32>) -> Self {
-        assert_eq!(values.len(), width * height * channels, "an image has a value for each channel of its pixels");
+        assert_eq!(
+            values.len(),
+            width * height * channels,
+            "an image has a value for each channel of its pixels"
+        );
         Self { planes: 1, height, width, channels, values }
     }
 
@@ -61,23 +67,23 @@ impl Map {
     }
 
     /// The map with each side extended to a multiple of `of` [planes, height, width] by repeating its last values.
-    pub fn padded(self, of: [usize; 3]) -> Self {
+    pub fn padded(&self, of: [usize; 3]) -> Cow<'_, Self> {
         let sides: [usize; 3] = std::array::from_fn(|axis| self.sides()[axis].next_multiple_of(of[axis]));
         self.sized(sides)
     }
 
     /// The first part of these sides; where they are larger, the last values are repeated.
-    pub fn sized(self, sides: [usize; 3]) -> Self {
+    pub fn sized(&self, sides: [usize; 3]) -> Cow<'_, Self> {
         if sides == self.sides() {
-            return self;
+            return Cow::Borrowed(self);
         }
-        Self::by_rows(sides, self.channels, |Row { z, y }, to| {
+        Cow::Owned(Self::by_rows(sides, self.channels, |Row { z, y }, to| {
             let from = self.row(Row { z: z.min(self.planes - 1), y: y.min(self.height - 1) });
             let shared = to.len().min(from.len());
             to[..shared].copy_from_slice(&from[..shared]);
             let last = &from[from.len() - self.channels..];
             to[shared..].chunks_exact_mut(self.channels).for_each(|pixel| pixel.copy_from_slice(last));
-        })
+        }))
     }
 
     /// A part of an image.
@@ -121,7 +127,9 @@ impl Map {
     /// Row `y` of the image at twice its size.
     fn enlarged_row(&self, y: usize, to: &mut [f32]) {
         let c = self.channels;
-        let neighbour = |at: usize, last: usize| if at % 2 == 0 { (at / 2).saturating_sub(1) } else { (at / 2 + 1).min(last) };
+        let neighbour = |at: usize, last: usize| {
+            if at.is_multiple_of(2) { (at / 2).saturating_sub(1) } else { (at / 2 + 1).min(last) }
+        };
         let (near, far) = (self.line(y / 2), self.line(neighbour(y, self.height - 1)));
         for (x, to) in to.chunks_exact_mut(c).enumerate() {
             let (a, b) = (x / 2 * c, neighbour(x, self.width - 1) * c);
@@ -159,11 +167,12 @@ mod tests {
 
     #[test]
     fn padding_repeats_the_last_values() {
-        let map = ramp(3, 2).padded([2, 4, 4]);
+        let small = ramp(3, 2);
+        let map = small.padded([2, 4, 4]);
         assert_eq!(map.sides(), [2, 4, 4]);
         assert_eq!(map.row(Row { z: 1, y: 3 }), map.row(Row { z: 0, y: 1 }));
         assert_eq!(map.line(1)[4..], [5.0, -5.0, 5.0, -5.0]);
-        assert_eq!(map.sized([1, 2, 3]), ramp(3, 2));
+        assert_eq!(*map.sized([1, 2, 3]), small);
     }
 
     #[test]

@@ -143,7 +143,7 @@ impl Network {
         let image = pyramid::image(&photo.image);
         let half = image.halved();
         let sides = [1, half.height / STRIDE, half.width / STRIDE];
-        let coarse = self.pyramid.features(&half.padded([1, BLOCK, BLOCK])).sized(sides);
+        let coarse = self.pyramid.features(&half.padded([1, BLOCK, BLOCK])).sized(sides).into_owned();
         let padded = Size::new(image.width, image.height);
         let (camera, cam_from_world) = (photo.camera, photo.cam_from_world);
         Ok(EncodedView { camera, cam_from_world, padded, fine: self.pyramid.features(&image), coarse })
@@ -182,13 +182,15 @@ impl Network {
         let correlation = strongest(&volume);
         let mut fine = None;
         time(Stage::Regularize, &mut || {
-            let volume = std::mem::replace(&mut volume, Map::new([0, 1, 1], 1));
-            let costs = self.fine.costs(volume, &reference.fine);
+            let costs = self.fine.costs(&volume, &reference.fine);
             fine = Some(PlaneMap::of(&costs, (width, height), self.manifest.window));
         });
         let mut fine = fine.expect("the closure has run");
         let middle = 0.5 * (count - 1) as f32;
-        fine.u.iter_mut().zip(&around).for_each(|(u, around)| *u = (*u - middle).mul_add(step as f32, *around));
+        fine.u
+            .iter_mut()
+            .zip(&around)
+            .for_each(|(u, around)| *u = (*u - middle).mul_add(step as f32, *around));
         let (coarse_confidence, spread) = (enlarged(&coarse.confidence), enlarged(&coarse.spread));
         let mean_mask = |at: usize| masks.iter().map(|mask| mask[at]).sum::<f32>() / masks.len() as f32;
         let last = (planes.count - 1) as f32;
@@ -217,9 +219,8 @@ impl Network {
         });
         let mut map = None;
         time(Stage::Regularize, &mut || {
-            let volume = std::mem::replace(&mut volume, Map::new([0, 1, 1], 1));
             let size = (volume.width, volume.height);
-            let costs = self.coarse.costs(volume, &reference.coarse);
+            let costs = self.coarse.costs(&volume, &reference.coarse);
             map = Some(PlaneMap::of(&costs, size, self.manifest.window));
         });
         (map.expect("the closure has run"), masks)
@@ -283,8 +284,11 @@ impl Network {
         // The image twice, and the first level of the pyramid twice.
         let encoding = (2 * 3 * pixels(1) + 2 * 16 * pixels(2)) * value;
         // The volume, its costs, two levels at half the resolution, and slabs at full resolution.
-        let volume = |cells: usize, planes: usize| cells * value * (planes * (GROUPS + 1) + planes * 3 * 16 / 8 + 3 * 18 * GROUPS);
-        let volumes = volume(pixels(2 * STRIDE), planes).max(volume(pixels(STRIDE), self.manifest.cascade.planes));
+        let volume = |cells: usize, planes: usize| {
+            cells * value * (planes * (GROUPS + 1) + planes * 3 * 16 / 8 + 3 * 18 * GROUPS)
+        };
+        let volumes =
+            volume(pixels(2 * STRIDE), planes).max(volume(pixels(STRIDE), self.manifest.cascade.planes));
         features + encoding.max(volumes)
     }
 }
@@ -329,8 +333,9 @@ impl Enlarge {
                 for k in 0..9 {
                     let (row, column) = (row_near(y / 2, k / 3, u.height), row_near(x / 2, k % 3, u.width));
                     let other = &coarse.line(row)[column * CHANNELS..][..CHANNELS];
-                    let product: f32 = own.iter().zip(other).map(|(a, b)| a * b).sum();
-                    let length = fine_lengths[y * fine.width + x] * coarse_lengths[row * coarse.width + column];
+                    let product = dot(own, other);
+                    let length =
+                        fine_lengths[y * fine.width + x] * coarse_lengths[row * coarse.width + column];
                     to[16 + k] = (u.line(row)[column] - middle).clamp(-REACH, REACH) / REACH;
                     to[16 + 9 + k] = product / length;
                     to[16 + 18 + k] = bilinear[y % 2][x % 2][k];
@@ -358,8 +363,20 @@ fn bilinear(x: usize, y: usize) -> [f32; 9] {
 
 /// The length of each pixel's features, at least 1e-12.
 fn lengths(map: &Map) -> Vec<f32> {
-    let length = |pixel: &[f32]| pixel.iter().map(|value| value * value).sum::<f32>().sqrt().max(1e-12);
+    let length = |pixel: &[f32]| dot(pixel, pixel).sqrt().max(1e-12);
     map.values.par_chunks(CHANNELS).map(length).collect()
+}
+
+/// The sum of the products of a pixel's features with another's.
+#[inline(always)]
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut sums = [0.0_f32; GROUPS];
+    for (a, b) in a.as_chunks::<GROUPS>().0.iter().zip(b.as_chunks::<GROUPS>().0) {
+        for lane in 0..GROUPS {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    sums.iter().sum()
 }
 
 impl Surface {
@@ -423,7 +440,8 @@ impl EncodedView {
             map.part((outer.x0 / stride, outer.y0 / stride), (padded.width / stride, padded.height / stride))
         };
         let Size { width, height } = self.camera.size;
-        let camera = self.camera.cropped(PixelBox { x1: outer.x1.min(width), y1: outer.y1.min(height), ..outer });
+        let camera =
+            self.camera.cropped(PixelBox { x1: outer.x1.min(width), y1: outer.y1.min(height), ..outer });
         let (fine, coarse) = (part(&self.fine, STRIDE), part(&self.coarse, 2 * STRIDE));
         Ok((Self { camera, cam_from_world: self.cam_from_world, padded, fine, coarse }, outer))
     }

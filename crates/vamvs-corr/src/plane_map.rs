@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::map::Map;
-use crate::wide::exp;
+use crate::wide::{exp, widened};
 
 /// A depth map in plane coordinates.
 #[derive(Debug)]
@@ -21,31 +21,16 @@ pub struct PlaneMap {
 impl PlaneMap {
     /// The soft-argmin of costs (D, h, w) over the planes within `window` of the most probable one.
     pub fn of(costs: &[f32], (width, height): (usize, usize), window: usize) -> Self {
-        let (area, count) = (width * height, costs.len() / (width * height));
-        let pixel = |at: usize, probability: &mut Vec<f32>| -> [f32; 3] {
-            let least = (0..count).fold(f32::INFINITY, |least, plane| least.min(costs[plane * area + at]));
-            probability.clear();
-            probability.extend((0..count).map(|plane| exp(least - costs[plane * area + at])));
-            let share = 1.0 / probability.iter().sum::<f32>();
-            let logarithm = share.ln();
-            let mut entropy = 0.0;
-            for (plane, probability) in probability.iter_mut().enumerate() {
-                *probability *= share;
-                entropy -= *probability * (least - costs[plane * area + at] + logarithm);
-            }
-            let likeliest = (1..count).fold(0, |best, at| if probability[at] > probability[best] { at } else { best });
-            let near = likeliest.saturating_sub(window)..(likeliest + window + 1).min(count);
-            let mass: f32 = probability[near.clone()].iter().sum();
-            let moment: f32 = near.map(|at| (at as f32 - likeliest as f32) * probability[at]).sum();
-            let u = moment / mass + likeliest as f32;
-            let below = (u.max(0.0) as usize).min(count.saturating_sub(2));
-            let confidence = probability[below] + probability[(below + 1).min(count - 1)];
-            [u, confidence, entropy / (count as f32).ln()]
-        };
-        let values: Vec<[f32; 3]> =
-            (0..area).into_par_iter().map_init(Vec::new, |probability, at| pixel(at, probability)).collect();
-        let each = |index: usize| values.iter().map(|value| value[index]).collect();
-        Self { width, height, u: each(0), confidence: each(1), spread: each(2) }
+        let area = width * height;
+        let mut maps = [vec![0.0; area], vec![0.0; area], vec![0.0; area]];
+        let [u, confidence, spread] = maps.each_mut();
+        let rows =
+            u.par_chunks_mut(width).zip(confidence.par_chunks_mut(width)).zip(spread.par_chunks_mut(width));
+        rows.enumerate().for_each_init(Vec::new, |probability, (y, ((u, confidence), spread))| {
+            row_of_costs((costs, area), (y, window), probability, [u, confidence, spread]);
+        });
+        let [u, confidence, spread] = maps;
+        Self { width, height, u, confidence, spread }
     }
 
     /// A quantity of each pixel as an image.
@@ -53,6 +38,57 @@ impl PlaneMap {
         Map::image((self.width, self.height, 1), of.to_vec())
     }
 }
+
+/// One row of a map, [depths, confidences, spreads], from costs with planes of `area` pixels; `probability` is scratch memory.
+#[inline(always)]
+fn row_of(
+    (costs, area): (&[f32], usize),
+    (y, window): (usize, usize),
+    probability: &mut Vec<f32>,
+    [u, confidence, spread]: [&mut [f32]; 3],
+) {
+    let (width, count) = (u.len(), costs.len() / area);
+    let of_plane = |plane: usize| &costs[plane * area + y * width..][..width];
+    // Until they are known, depths are the least costs, and confidences the sums of what the costs are the logarithms of.
+    u.copy_from_slice(of_plane(0));
+    for plane in 1..count {
+        u.iter_mut().zip(of_plane(plane)).for_each(|(least, cost)| *least = least.min(*cost));
+    }
+    probability.resize(count * width, 0.0);
+    confidence.fill(0.0);
+    spread.fill(0.0);
+    for (plane, probability) in probability.chunks_exact_mut(width).enumerate() {
+        for (x, (probability, cost)) in probability.iter_mut().zip(of_plane(plane)).enumerate() {
+            let logarithm = u[x] - cost;
+            *probability = exp(logarithm);
+            confidence[x] += *probability;
+            spread[x] -= *probability * logarithm;
+        }
+    }
+    let largest_entropy = (count as f32).ln();
+    for x in 0..width {
+        let (sum, at) = (confidence[x], |plane: usize| probability[plane * width + x]);
+        // −Σ p ln p of p = q / Σq is −Σ q ln q / Σq + ln Σq.
+        spread[x] = (spread[x] / sum + sum.ln()) / largest_entropy;
+        let likeliest = (1..count).fold(0, |best, plane| if at(plane) > at(best) { plane } else { best });
+        let near = likeliest.saturating_sub(window)..(likeliest + window + 1).min(count);
+        let (mut mass, mut moment) = (0.0, 0.0);
+        for plane in near {
+            mass += at(plane);
+            moment += (plane as f32 - likeliest as f32) * at(plane);
+        }
+        u[x] = moment / mass + likeliest as f32;
+        let below = (u[x].max(0.0) as usize).min(count.saturating_sub(2));
+        confidence[x] = (at(below) + at((below + 1).min(count - 1))) / sum;
+    }
+}
+
+widened!(row_of => row_of_costs(
+    costs: (&[f32], usize),
+    at: (usize, usize),
+    probability: &mut Vec<f32>,
+    out: [&mut [f32]; 3],
+));
 
 /// Depths that differ by more than this are of different surfaces; plane distances.
 const ONE_SURFACE: f32 = 1.0;

@@ -6,8 +6,8 @@ use vamvs_core::{Grid, Rgb};
 use crate::CorrError;
 use crate::convolution::Convolution;
 use crate::map::{Map, Row};
-use crate::wide::relu;
 use crate::weights::{Shape, Weights};
+use crate::wide::relu;
 
 /// Channels of the features.
 pub const CHANNELS: usize = 32;
@@ -36,7 +36,11 @@ pub struct Pyramid {
 impl Pyramid {
     pub fn new(weights: &Weights) -> Result<Self, CorrError> {
         let layer = |name: &str, inputs: usize, outputs: usize, side: usize| {
-            weights.layer(&format!("pyramid.{name}"), Shape::image(inputs, outputs, side), if side == 4 { 2 } else { 1 })
+            weights.layer(
+                &format!("pyramid.{name}"),
+                Shape::image(inputs, outputs, side),
+                if side == 4 { 2 } else { 1 },
+            )
         };
         let bare = |name: &str, inputs: usize, outputs: usize, side: usize, has_bias: bool| {
             weights.bare(&format!("pyramid.{name}"), Shape::image(inputs, outputs, side), has_bias)
@@ -44,8 +48,16 @@ impl Pyramid {
         Ok(Self {
             down: [
                 vec![layer("down1.0", 3, 16, 4)?, layer("down1.1", 16, 16, 3)?],
-                vec![layer("down2.0", 16, 32, 4)?, layer("down2.1", 32, 32, 3)?, layer("down2.2", 32, 32, 3)?],
-                vec![layer("down3.0", 32, 48, 4)?, layer("down3.1", 48, 48, 3)?, layer("down3.2", 48, 48, 3)?],
+                vec![
+                    layer("down2.0", 16, 32, 4)?,
+                    layer("down2.1", 32, 32, 3)?,
+                    layer("down2.2", 32, 32, 3)?,
+                ],
+                vec![
+                    layer("down3.0", 32, 48, 4)?,
+                    layer("down3.1", 48, 48, 3)?,
+                    layer("down3.2", 48, 48, 3)?,
+                ],
             ],
             deep: [
                 vec![layer("down4.0.conv", 48, 64, 4)?, layer("down4.1", 64, 64, 3)?],
@@ -64,8 +76,8 @@ impl Pyramid {
     pub fn features(&self, image: &Map) -> Map {
         let quarter = chain(&self.down[1], &chain(&self.down[0], &normalised(image)));
         let eighth = chain(&self.down[2], &quarter);
-        let sixteenth = chain(&self.deep[0], &eighth.clone().padded([1, 2, 2]));
-        let far = chain(&self.deep[1], &sixteenth.clone().padded([1, 2, 2]));
+        let sixteenth = chain(&self.deep[0], &eighth.padded([1, 2, 2]));
+        let far = chain(&self.deep[1], &sixteenth.padded([1, 2, 2]));
         let sixteenth = self.up4.run(&far, as_is).enlarged_onto(&sixteenth, true);
         let wide = self.up3.run(&sixteenth, as_is);
         let eighth = wide.enlarged_onto(&self.side3.run(&eighth, as_is), false);
@@ -94,21 +106,40 @@ fn chain(layers: &[Convolution], first: &Map) -> Map {
 /// A photograph with values in [0, 1], padded to multiples of 8 by repeating the last column and row.
 pub fn image(photograph: &Grid<Rgb>) -> Map {
     let size = photograph.size();
-    let values = photograph.data().as_flattened().par_iter().map(|value| f32::from(*value) / 255.0).collect();
-    Map::image((size.width, size.height, 3), values).padded([1, BLOCK, BLOCK])
+    let map = Map::by_rows([1, size.height, size.width], 3, |Row { y, .. }, to| {
+        for (to, value) in to.iter_mut().zip(photograph.row(y).as_flattened()) {
+            *to = f32::from(*value) / 255.0;
+        }
+    });
+    map.padded([1, BLOCK, BLOCK]).into_owned()
+}
+
+/// The sum of values and that of their squares.
+fn moments(values: &[f32]) -> [f64; 2] {
+    const LANES: usize = 8;
+    let (mut sums, mut squares) = ([0.0; LANES], [0.0; LANES]);
+    let (chunks, rest) = values.as_chunks::<LANES>();
+    for chunk in chunks {
+        for lane in 0..LANES {
+            let value = f64::from(chunk[lane]);
+            sums[lane] += value;
+            squares[lane] += value * value;
+        }
+    }
+    let rest = rest.iter().map(|value| f64::from(*value));
+    [
+        sums.iter().sum::<f64>() + rest.clone().sum::<f64>(),
+        squares.iter().sum::<f64>() + rest.map(|v| v * v).sum::<f64>(),
+    ]
 }
 
 /// The image with zero mean and unit standard deviation over all its values.
 fn normalised(image: &Map) -> Map {
-    let length = image.width * image.channels;
-    let over_rows = |of: &(dyn Fn(f64) -> f64 + Sync)| -> f64 {
-        let rows: Vec<f64> =
-            image.values.par_chunks(length).map(|row| row.iter().map(|value| of(f64::from(*value))).sum()).collect();
-        rows.iter().sum()
-    };
+    let rows: Vec<[f64; 2]> = image.values.par_chunks(image.width * image.channels).map(moments).collect();
+    let [sum, squares] = rows.iter().fold([0.0; 2], |[a, b], row| [a + row[0], b + row[1]]);
     let count = image.values.len() as f64;
-    let mean = over_rows(&|value| value) / count;
-    let deviation = (over_rows(&|value| (value - mean).powi(2)) / (count - 1.0)).sqrt();
+    let mean = sum / count;
+    let deviation = ((squares - sum * mean).max(0.0) / (count - 1.0)).sqrt();
     let (mean, share) = (mean as f32, 1.0 / (deviation + 1e-3) as f32);
     Map::by_rows(image.sides(), image.channels, |row, to| {
         for (to, value) in to.iter_mut().zip(image.row(row)) {

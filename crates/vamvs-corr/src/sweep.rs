@@ -9,7 +9,7 @@ use vamvs_core::{Pinhole, Planes, Pose, Size, Spacing};
 
 use crate::map::{Map, Row};
 use crate::pyramid::CHANNELS;
-use crate::wide::widest;
+use crate::wide::widened;
 
 /// Groups of channels; channel c belongs to group c mod `GROUPS`.
 pub const GROUPS: usize = 8;
@@ -124,7 +124,8 @@ impl<'a> Sweep<'a> {
         let between = source.cam_from_world.compose(&self.reference.cam_from_world.inverse());
         let transfer = PixelTransfer::new(&self.reference.camera, &source.camera, &between);
         let Size { width, height } = source.padded;
-        let scale = [source.features.width as f32 / width as f32, source.features.height as f32 / height as f32];
+        let scale =
+            [source.features.width as f32 / width as f32, source.features.height as f32 / height as f32];
         Source {
             features: source.features,
             linear: std::array::from_fn(|row| std::array::from_fn(|column| transfer.linear[(row, column)])),
@@ -144,7 +145,9 @@ impl<'a> Sweep<'a> {
     pub fn volume(&self, sources: &[Placed<'a>], masks: &[Vec<f32>]) -> Map {
         let sources: Vec<_> = sources.iter().map(|source| self.source(source)).collect();
         let [_, height, width] = self.reference.features.sides();
-        Map::by_rows([self.count(), height, width], GROUPS, |row, to| weigh_row(self, &sources, masks, row, to))
+        Map::by_rows([self.count(), height, width], GROUPS, |row, to| {
+            weigh_row(self, &sources, masks, row, to)
+        })
     }
 }
 
@@ -220,7 +223,7 @@ impl Corners {
 }
 
 #[inline(always)]
-fn pool<const P: usize>(sweep: &Sweep<'_>, source: &Source<'_>, row: Row, to: &mut [f32]) {
+fn pool(sweep: &Sweep<'_>, source: &Source<'_>, row: Row, to: &mut [f32]) {
     let reference = sweep.reference.features.row(row).as_chunks::<GROUPS>().0;
     let mut rays = Vec::new();
     source.rays(sweep, row.y, &mut rays);
@@ -243,16 +246,10 @@ fn pool<const P: usize>(sweep: &Sweep<'_>, source: &Source<'_>, row: Row, to: &m
         *pooled = [largest, sum.map(|sum| sum * share)];
     }
 }
-widest!(pool<P> => pool_row(sweep: &Sweep<'_>, source: &Source<'_>, row: Row, to: &mut [f32]); [1, 1]);
+widened!(pool => pool_row(sweep: &Sweep<'_>, source: &Source<'_>, row: Row, to: &mut [f32]));
 
 #[inline(always)]
-fn weigh<const P: usize>(
-    sweep: &Sweep<'_>,
-    sources: &[Source<'_>],
-    masks: &[Vec<f32>],
-    Row { z, y }: Row,
-    to: &mut [f32],
-) {
+fn weigh(sweep: &Sweep<'_>, sources: &[Source<'_>], masks: &[Vec<f32>], Row { z, y }: Row, to: &mut [f32]) {
     let reference = sweep.reference.features.line(y).as_chunks::<GROUPS>().0;
     let mut rays = Vec::new();
     let (pixels, _) = to.as_chunks_mut::<GROUPS>();
@@ -271,10 +268,10 @@ fn weigh<const P: usize>(
         sums.iter_mut().for_each(|sum| *sum *= share);
     }
 }
-widest!(weigh<P> => weigh_row(
+widened!(weigh => weigh_row(
     sweep: &Sweep<'_>,
     sources: &[Source<'_>],
     masks: &[Vec<f32>],
     row: Row,
     to: &mut [f32],
-); [1, 1]);
+));

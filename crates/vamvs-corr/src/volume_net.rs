@@ -5,8 +5,8 @@ use crate::CorrError;
 use crate::convolution::{Convolution, ToOne};
 use crate::map::{Map, Row};
 use crate::pyramid::{CHANNELS, as_is, positive};
-use crate::wide::{add, multiply, relu, sigmoid};
 use crate::weights::{Shape, Weights};
+use crate::wide::{add, multiply, relu, sigmoid};
 
 /// Channels of the volume at full resolution, 1/2, 1/4, 1/8.
 const WIDTHS: [usize; 4] = [8, 16, 32, 64];
@@ -53,14 +53,20 @@ impl Gates {
     fn new(weights: &Weights, name: &str) -> Result<Self, CorrError> {
         let [a, b, c, d] = GATE_WIDTHS;
         let layer = |part: &str, inputs: usize, outputs: usize, side: usize| {
-            weights.layer(&format!("{name}.{part}"), Shape::image(inputs, outputs, side), if side == 4 { 2 } else { 1 })
+            weights.layer(
+                &format!("{name}.{part}"),
+                Shape::image(inputs, outputs, side),
+                if side == 4 { 2 } else { 1 },
+            )
         };
         let one = |part: &str, inputs: usize, outputs: usize| {
             weights.bare(&format!("{name}.{part}"), Shape::image(inputs, outputs, 1), true)
         };
         let [v1, v2, v4, v8] = WIDTHS;
         let heads = [(a, v1), (b, v2), (c, v4), (d, v8), (b, v2), (c, v4)];
-        let head = |(at, (inputs, outputs)): (usize, &(usize, usize))| one(&format!("heads.{at}"), *inputs, *outputs);
+        let head = |(at, (inputs, outputs)): (usize, &(usize, usize))| {
+            one(&format!("heads.{at}"), *inputs, *outputs)
+        };
         Ok(Self {
             sides: [
                 layer("side1", CHANNELS, a, 3)?,
@@ -76,7 +82,7 @@ impl Gates {
 
     /// Factors from 0 to 2 at full resolution, 1/2, 1/4, 1/8, and once more at 1/2 and 1/4.
     fn of(&self, reference: &Map) -> Vec<Map> {
-        let reference = reference.clone().padded([1, BLOCK, BLOCK]);
+        let reference = reference.padded([1, BLOCK, BLOCK]);
         let half = self.sides[1].run(&reference, positive);
         let quarter = self.sides[2].run(&half, positive);
         let eighth = self.last8.run(&self.sides[3].run(&quarter, positive), positive);
@@ -127,7 +133,7 @@ impl VolumeNet {
 
     /// The costs of a volume's planes, (D, h, w), a low cost being likely, with the features of the reference view at its
     /// resolution.
-    pub fn costs(&self, volume: Map, reference: &Map) -> Vec<f32> {
+    pub fn costs(&self, volume: &Map, reference: &Map) -> Vec<f32> {
         let sides = volume.sides();
         let gates = self.gates.of(reference);
         let volume = volume.padded([BLOCK; 3]);
@@ -168,15 +174,15 @@ impl VolumeNet {
         };
         let half = gated(&self.scale2_same, &self.scale2.run(volume, positive), &gates[1]);
         let quarter = gated(&self.scale4_same, &self.scale4.run(&half, positive), &gates[2]);
-        let quarter = residual(&self.deep4, quarter);
+        let quarter = residual(&self.deep4, &quarter);
         let eighth = gated(&self.scale8_same, &self.scale8.run(&quarter, positive), &gates[3]);
-        let eighth = self.deep8.iter().fold(eighth, |map, layers| residual(layers, map));
+        let eighth = self.deep8.iter().fold(eighth, |map, layers| residual(layers, &map));
         let quarter = joined(&self.up4, &eighth, &quarter, &gates[5]);
         joined(&self.up2, &quarter, &half, &gates[4])
     }
 }
 
 /// Two convolutions beside the identity.
-fn residual([first, second]: &[Convolution; 2], map: Map) -> Map {
-    second.run(&first.run(&map, positive), |row, values| add(values, map.row(row)))
+fn residual([first, second]: &[Convolution; 2], map: &Map) -> Map {
+    second.run(&first.run(map, positive), |row, values| add(values, map.row(row)))
 }

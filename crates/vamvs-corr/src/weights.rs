@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use half::f16;
 use safetensors::{Dtype, SafeTensors};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use vamvs_core::MonotoneMap;
 
 use crate::CorrError;
@@ -17,7 +17,7 @@ const MANIFEST: &str = "manifest";
 const EPSILON: f32 = 1e-5;
 
 /// What a file says of its network, the part of the module's manifest that matters here.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct Manifest {
     /// The network's name.
     pub name: String,
@@ -48,7 +48,7 @@ pub struct Manifest {
 }
 
 /// The planes of a cascade's second volume.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub struct Cascade {
     /// Their number.
     pub planes: usize,
@@ -75,18 +75,22 @@ impl Weights {
     /// If the file is none, or has no manifest of a vis-corr.
     pub fn read(bytes: &[u8]) -> Result<(Self, Manifest), CorrError> {
         let wrong = |problem: String| CorrError::Weights { problem };
-        let (_, header) = SafeTensors::read_metadata(bytes)
-            .map_err(|error| wrong(format!("expected a safetensors file with the weights of a vis-corr: {error}")))?;
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| {
+            wrong(format!("expected a safetensors file with the weights of a vis-corr: {error}"))
+        })?;
         let manifest = header.metadata().as_ref().and_then(|entries| entries.get(MANIFEST));
-        let manifest = manifest.ok_or_else(|| wrong(format!("expected the entry {MANIFEST} in the metadata, found none")))?;
-        let manifest: Manifest = serde_json::from_str(manifest)
-            .map_err(|error| wrong(format!("the manifest is not that of a vis-corr that is a cascade: {error}")))?;
+        let manifest = manifest
+            .ok_or_else(|| wrong(format!("expected the entry {MANIFEST} in the metadata, found none")))?;
+        let manifest: Manifest = serde_json::from_str(manifest).map_err(|error| {
+            wrong(format!("the manifest is not that of a vis-corr that is a cascade: {error}"))
+        })?;
         manifest.check().map_err(|problem| wrong(format!("the manifest {problem}")))?;
         let file = SafeTensors::deserialize(bytes).map_err(|error| wrong(error.to_string()))?;
         let mut tensors = HashMap::new();
         for (name, view) in file.iter() {
-            let values = values_of(view.dtype(), view.data())
-                .ok_or_else(|| wrong(format!("{name}: expected values of type F32 or F16, found {:?}", view.dtype())))?;
+            let values = values_of(view.dtype(), view.data()).ok_or_else(|| {
+                wrong(format!("{name}: expected values of type F32 or F16, found {:?}", view.dtype()))
+            })?;
             if let Some(at) = values.iter().position(|value| !value.is_finite()) {
                 return Err(wrong(format!("{name}: value {at} is {}", values[at])));
             }
@@ -97,7 +101,9 @@ impl Weights {
 
     /// A tensor of this shape.
     fn get(&self, name: &str, shape: &[usize]) -> Result<&[f32], CorrError> {
-        let wrong = |found: String| CorrError::Weights { problem: format!("{name}: expected a tensor {shape:?}, found {found}") };
+        let wrong = |found: String| CorrError::Weights {
+            problem: format!("{name}: expected a tensor {shape:?}, found {found}"),
+        };
         let tensor = self.tensors.get(name).ok_or_else(|| wrong("none".to_owned()))?;
         if tensor.shape != shape {
             return Err(wrong(format!("{:?}", tensor.shape)));
@@ -146,7 +152,9 @@ impl Manifest {
         }
         let Cascade { planes, step } = *cascade;
         if !(2..=64).contains(&planes) || !(0.01..=8.0).contains(&step) {
-            return Err(format!("has a cascade of {planes} planes (expected 2 to 64) with a step of {step} (expected 0.01 to 8)"));
+            return Err(format!(
+                "has a cascade of {planes} planes (expected 2 to 64) with a step of {step} (expected 0.01 to 8)"
+            ));
         }
         if !(0.5..=64.0).contains(plane_step) {
             return Err(format!("has planes {plane_step} pixels apart: expected 0.5 to 64"));
@@ -158,7 +166,9 @@ impl Manifest {
 fn values_of(kind: Dtype, bytes: &[u8]) -> Option<Vec<f32>> {
     match kind {
         Dtype::F32 => Some(bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()),
-        Dtype::F16 => Some(bytes.as_chunks().0.iter().map(|bytes| f16::from_le_bytes(*bytes).to_f32()).collect()),
+        Dtype::F16 => {
+            Some(bytes.as_chunks().0.iter().map(|bytes| f16::from_le_bytes(*bytes).to_f32()).collect())
+        }
         _ => None,
     }
 }
@@ -193,7 +203,8 @@ impl Shape {
     }
 
     fn shape(&self) -> Vec<usize> {
-        let channels = if self.transposed { [self.inputs, self.outputs] } else { [self.outputs, self.inputs] };
+        let channels =
+            if self.transposed { [self.inputs, self.outputs] } else { [self.outputs, self.inputs] };
         channels.into_iter().chain(std::iter::repeat_n(self.side, self.dims)).collect()
     }
 }

@@ -1,36 +1,57 @@
 //! Loops over many numbers at once, compiled for the processor's widest vectors, and what they share.
 
-/// Compiles a generic function for processors with AVX2 and FMA and for those with AVX-512, and calls the best variant that
-/// the processor supports. `$tiles` are the values of its parameter `P`, the pixels of a tile, for AVX-512 and for all others:
-/// as many as registers hold. Every result is one chain of fused operations in one order, so all variants give the same bits.
-macro_rules! widest {
-    ($body:ident<P $(, $lanes:ident)?> => $name:ident($($argument:ident: $kind:ty),* $(,)?); $tiles:expr) => {
-        fn $name$(<const $lanes: usize>)?($($argument: $kind),*) {
-            const TILES: [usize; 2] = $tiles;
+/// The widest vectors of a processor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Widest {
+    /// 512 bits.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    /// 256 bits, and fused multiply-add.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    /// Those that every processor of the target has.
+    Any,
+}
+
+/// The widest vectors of this processor.
+pub fn widest() -> Widest {
+    #[cfg(target_arch = "x86_64")]
+    if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma") {
+        let has_avx512 =
+            std::is_x86_feature_detected!("avx512f") && std::is_x86_feature_detected!("avx512vl");
+        return if has_avx512 { Widest::Avx512 } else { Widest::Avx2 };
+    }
+    Widest::Any
+}
+
+/// Compiles a function for the processors of each [`Widest`], and calls the one for this processor. Every result is a chain of the same
+/// operations in one order, so all variants give the same bits.
+macro_rules! widened {
+    ($body:ident => $name:ident($($argument:ident: $kind:ty),* $(,)?)) => {
+        fn $name($($argument: $kind),*) {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx2,fma")]
-                fn avx2$(<const $lanes: usize>)?($($argument: $kind),*) {
-                    $body::<{ TILES[1] } $(, $lanes)?>($($argument),*);
+                fn avx2($($argument: $kind),*) {
+                    $body($($argument),*);
                 }
-                #[target_feature(enable = "avx512f,avx512vl,fma")]
-                fn avx512$(<const $lanes: usize>)?($($argument: $kind),*) {
-                    $body::<{ TILES[0] } $(, $lanes)?>($($argument),*);
+                #[target_feature(enable = "avx512f,avx512vl,avx2,fma")]
+                fn avx512($($argument: $kind),*) {
+                    $body($($argument),*);
                 }
-                if std::is_x86_feature_detected!("avx512vl") && std::is_x86_feature_detected!("fma") {
-                    // SAFETY: the processor has AVX-512VL, which includes AVX-512F, and FMA.
-                    return unsafe { avx512$(::<$lanes>)?($($argument),*) };
-                }
-                if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma") {
-                    // SAFETY: the processor has AVX2 and FMA.
-                    return unsafe { avx2$(::<$lanes>)?($($argument),*) };
+                match $crate::wide::widest() {
+                    // SAFETY: the processor has what the functions are compiled for.
+                    $crate::wide::Widest::Avx512 => return unsafe { avx512($($argument),*) },
+                    // SAFETY: as above.
+                    $crate::wide::Widest::Avx2 => return unsafe { avx2($($argument),*) },
+                    $crate::wide::Widest::Any => {}
                 }
             }
-            $body::<{ TILES[1] } $(, $lanes)?>($($argument),*);
+            $body($($argument),*);
         }
     };
 }
-pub(crate) use widest;
+pub(crate) use widened;
 
 /// eˣ with a relative error below 3e-7, by the same operations on every processor; that of the standard library is the platform's.
 #[inline(always)]
@@ -38,10 +59,10 @@ pub fn exp(x: f32) -> f32 {
     const LARGEST: f32 = 88.0;
     let x = x.clamp(-LARGEST, LARGEST);
     let n = (x * std::f32::consts::LOG2_E).round_ties_even();
-    // ln 2 in two parts, so that the remainder is exact.
-    let r = n.mul_add(-1.428_606_8e-6, n.mul_add(-0.693_145_75, x));
+    // ln 2 in two parts, the first with so few digits that its product is exact.
+    let r = (x - n * 0.693_145_75) - n * 1.428_606_8e-6;
     let tail = [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
-    let power = tail.into_iter().reduce(|sum: f32, factor| sum.mul_add(r, factor)).expect("seven factors");
+    let power = tail.into_iter().reduce(|sum: f32, factor| sum * r + factor).expect("seven factors");
     power * f32::from_bits(((n as i32 + 127) as u32) << 23)
 }
 

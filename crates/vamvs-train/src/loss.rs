@@ -100,8 +100,7 @@ fn parents_loss(parents: &Parents, ground_truth: &Tensor) -> Result<Option<Tenso
     }
     let error = parents.depths.f_sub(ground_truth)?.f_abs()?.f_clamp_max(ANOTHER_SURFACE)?;
     let error = error.f_nan_to_num(0.0, None, None)?; // zero times NaN would be NaN
-    let expected =
-        parents.shares.f_mul(&error)?.f_sum_dim_intlist([0].as_slice(), false, Kind::Float)?;
+    let expected = parents.shares.f_mul(&error)?.f_sum_dim_intlist([0].as_slice(), false, Kind::Float)?;
     Ok(Some(expected.f_masked_select(&known)?.f_mean(Kind::Float)?))
 }
 
@@ -214,7 +213,11 @@ mod tests {
         assert!((value(&found) - (0.75 * 0.5 + 0.25 * 4.0)).abs() < 1e-6, "{}", value(&found));
         found.backward();
         let slopes: Vec<f32> = parents.shares.grad().flatten(0, -1).try_into().unwrap();
-        assert_eq!(slopes, [0.5, 0.0, 0.5, 0.0, 4.0, 0.0], "the far one is pushed away, the unknown pixel is left");
+        assert_eq!(
+            slopes,
+            [0.5, 0.0, 0.5, 0.0, 4.0, 0.0],
+            "the far one is pushed away, the unknown pixel is left"
+        );
     }
 
     #[test]

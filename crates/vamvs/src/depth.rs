@@ -29,11 +29,8 @@ pub struct DepthSummary {
     pub resumed: usize,
     /// Views without depth map.
     pub skipped: Vec<LeftOut>,
-    /// Where the network's time went.
-    #[cfg(feature = "net")]
-    pub profile: vamvs_net::Profile,
-    /// Time of the plane sweep, without a network.
-    pub sweeping: Duration,
+    /// Where the time of the network, or of the plane sweep without one, went.
+    pub stages: Vec<(String, Duration)>,
     /// Time to read, undistort and reduce photographs.
     pub reading: Duration,
     /// Time of the first refinement pass, which uses photographs alone.

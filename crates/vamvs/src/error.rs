@@ -16,9 +16,17 @@ pub enum VamvsError {
     #[error(transparent)]
     Refine(#[from] vamvs_refine::RefineError),
     /// The network.
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     #[error(transparent)]
     Net(#[from] vamvs_net::NetError),
+    /// vis-corr.
+    #[error("{name}: {source}")]
+    Corr {
+        /// The network's name or file.
+        name: String,
+        /// What is wrong.
+        source: vamvs_corr::CorrError,
+    },
     /// An error of one view.
     #[error("view {name}")]
     View {
@@ -55,13 +63,19 @@ impl From<vamvs_fusion::FuseError> for VamvsError {
     }
 }
 
+impl From<vamvs_corr::CorrError> for VamvsError {
+    fn from(error: vamvs_corr::CorrError) -> Self {
+        Self::Request(error.to_string())
+    }
+}
+
 impl VamvsError {
     /// Whether memory ran out in the network.
     #[must_use]
     pub fn is_out_of_memory(&self) -> bool {
         match self {
             Self::View { source, .. } => source.is_out_of_memory(),
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Net(error) => {
                 let causes =
                     std::iter::successors(Some(error as &dyn std::error::Error), |error| error.source());

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use vamvs_core::Scene;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 use vamvs_net::{Device, free_device_memory};
 
 use crate::event::{OnEvent, tell};
@@ -20,7 +20,7 @@ const SMALLEST: usize = 256;
 const SMALLER_PIECES: usize = 8;
 
 /// Share of a GPU's free memory that the network may take; the rest is for the workspaces of its libraries.
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 const OF_THE_GPU: f64 = 0.8;
 
 /// The memory that a method works in.
@@ -39,12 +39,12 @@ impl MethodMemory {
     }
 
     /// The memory of the device that a network is on; not limited if a GPU does not report it.
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     pub fn of_device(device: Device, limit: MemoryLimit) -> Self {
         Self::told_by(free_device_memory, device, limit)
     }
 
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     fn told_by(free: impl Fn(Device) -> Option<u64>, device: Device, limit: MemoryLimit) -> Self {
         match device {
             Device::Cpu => Self::of_process(limit),
@@ -147,7 +147,7 @@ pub(crate) fn most_bytes(plan: &Plan, method: &Method) -> u64 {
     planned.map(bytes).max().unwrap_or(0)
 }
 
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 #[cfg(test)]
 mod tests {
     use super::*;

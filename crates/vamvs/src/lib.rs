@@ -49,9 +49,9 @@ pub use fuse::{FuseSummary, PartialFusion, fuse};
 pub use input::Input;
 pub use maps::Maps;
 pub use memory::MemoryLimit;
-pub use method::Method;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 pub use method::NetworkMethod;
+pub use method::{Method, VisCorr};
 pub use options::{DepthOptions, FusionOptions};
 pub use output::OutputFolder;
 pub use photographs::{PhotoSource, Photographs, Picture};
@@ -64,8 +64,9 @@ pub use view_map::{ViewMap, fuse_in_memory};
 
 pub use nalgebra;
 pub use vamvs_core as core;
+pub use vamvs_corr as corr;
 pub use vamvs_eval as measures;
 pub use vamvs_fusion as fusion;
 pub use vamvs_io as io;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 pub use vamvs_net as net;

@@ -136,14 +136,14 @@ pub struct Allocator {
 static ALLOCATOR: OnceLock<Allocator> = OnceLock::new();
 
 /// Tells the library about the program's allocator, which it asks to return free memory when memory becomes scarce, and to
-/// keep it during fusion. Without it, glibc's heap returns its free memory, and with another allocator nothing happens. The
+/// keep it where large blocks come and go. Without it, glibc's heap is asked, and with another allocator nothing happens. The
 /// first call counts.
 pub fn set_allocator(allocator: Allocator) {
     ALLOCATOR.get_or_init(|| allocator);
 }
 
 fn allocator() -> &'static Allocator {
-    ALLOCATOR.get_or_init(|| Allocator { give_back: trim, keep_freed: |_| () })
+    ALLOCATOR.get_or_init(|| Allocator { give_back: trim, keep_freed: keep_in_heap })
 }
 
 /// Returns the heap's free memory to the system (see [`set_allocator`]).
@@ -167,6 +167,22 @@ fn trim() {
     unsafe {
         libc::malloc_trim(0);
     }
+}
+
+/// Whether glibc's heap keeps blocks of up to 32 MiB, the most that it can, instead of mapping each anew.
+fn keep_in_heap(keep: bool) {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        // The defaults of glibc are the smaller ones.
+        let (map_above, trim_above) = if keep { (32 << 20, 1 << 30) } else { (128 << 10, 128 << 10) };
+        // SAFETY: parameters of the heap are set, no block is touched.
+        unsafe {
+            libc::mallopt(libc::M_MMAP_THRESHOLD, map_above);
+            libc::mallopt(libc::M_TRIM_THRESHOLD, trim_above);
+        }
+    }
+    #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+    let _ = keep;
 }
 
 #[cfg(test)]

@@ -1,31 +1,37 @@
 //! How the depth is estimated from which refinement starts: by a network, or by a plane sweep without one.
 
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod network;
-#[cfg(feature = "net")]
 mod part;
 mod plane_sweep;
+mod vis_corr;
 
 use std::fmt;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, MonotoneMap, Photo, Size};
 
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 pub use network::NetworkMethod;
+pub use vis_corr::VisCorr;
 
 use crate::feature_cache::Encoded;
 use crate::fit::MethodMemory;
 use crate::output::ConfidenceKind;
-use crate::{DepthOptions, MemoryLimit, VamvsError, ViewPlan, weights};
+use crate::{DepthOptions, MemoryLimit, Quality, VamvsError, ViewPlan, weights};
+
+/// The largest factor by which light networks see small photographs enlarged.
+const ENLARGES_BY: f64 = 2.0;
 
 /// How the first depth map of a view is made.
 pub enum Method {
-    /// By a network.
-    #[cfg(feature = "net")]
+    /// By a TorchScript module, which libtorch runs.
+    #[cfg(feature = "torch")]
     Network(Box<NetworkMethod>),
+    /// By vis-corr, without libtorch.
+    VisCorr(Box<VisCorr>),
     /// By a plane sweep over the photographs, with semi-global matching: `--weights none`. It needs no libtorch.
     PlaneSweep,
 }
@@ -39,8 +45,10 @@ impl fmt::Debug for Method {
 /// What a method keeps of a photograph beside its pixels.
 pub(crate) enum Features {
     /// Features of the network.
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     Network(Box<vamvs_net::EncodedView>),
+    /// Features of vis-corr.
+    VisCorr(Box<vamvs_corr::EncodedView>),
     /// Nothing.
     None,
 }
@@ -49,10 +57,35 @@ pub(crate) enum Features {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Clock {
     /// Stages of the network.
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     pub profile: vamvs_net::Profile,
-    /// The plane sweep without a network.
-    pub sweeping: Duration,
+    /// Stages of other methods.
+    stages: Vec<(&'static str, Duration)>,
+}
+
+impl Clock {
+    /// Runs `work` and adds its time to a stage.
+    pub fn time<T>(&mut self, stage: &'static str, work: impl FnOnce() -> T) -> T {
+        let begin = Instant::now();
+        let result = work();
+        let spent = begin.elapsed();
+        match self.stages.iter_mut().find(|(name, _)| *name == stage) {
+            Some((_, time)) => *time += spent,
+            None => self.stages.push((stage, spent)),
+        }
+        result
+    }
+
+    /// The time of each stage.
+    pub fn stages(&self) -> Vec<(String, Duration)> {
+        let own = self.stages.iter().map(|&(name, time)| (name.to_owned(), time));
+        #[cfg(feature = "torch")]
+        let own = own.chain(vamvs_net::Stage::ALL.iter().filter_map(|&stage| {
+            let time = self.profile.spent(stage);
+            (time > Duration::ZERO).then(|| (format!("{stage:?}").to_lowercase(), time))
+        }));
+        own.collect()
+    }
 }
 
 /// A reference view, its source views, and what is wanted of them.
@@ -77,15 +110,20 @@ impl Method {
         device: Option<&str>,
         options: &DepthOptions,
     ) -> Result<Self, VamvsError> {
-        if weights.is_some_and(weights::is_none) || (cfg!(not(feature = "net")) && weights.is_none()) {
+        if weights.is_some_and(weights::is_none) {
             return plane_sweep::check(options).map(|()| Self::PlaneSweep);
         }
-        #[cfg(feature = "net")]
+        let name = weights.unwrap_or(Path::new(Quality::default().weights()));
+        if let Some(bytes) = weights::without_libtorch(name)?.filter(|_| is_processor(device)) {
+            return Ok(Self::VisCorr(Box::new(VisCorr::new(name, &bytes, options)?)));
+        }
+        #[cfg(feature = "torch")]
         return Ok(Self::Network(Box::new(NetworkMethod::new(weights, device, options)?)));
-        #[cfg(not(feature = "net"))]
+        #[cfg(not(feature = "torch"))]
         Err(VamvsError::Request(format!(
-            "this vamvs was built without libtorch and has no networks: expected --weights none, found {}{}",
-            weights.unwrap_or(Path::new("")).display(),
+            "this vamvs was built without libtorch, which {}{} needs: expected --weights vis-corr, a .safetensors file or none, on \
+             the processor, or a build with the feature `torch`",
+            name.display(),
             device.map_or(String::new(), |device| format!(" on {device}")),
         )))
     }
@@ -94,8 +132,9 @@ impl Method {
     #[must_use]
     pub fn name(&self) -> String {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.name(),
+            Self::VisCorr(network) => network.name(),
             Self::PlaneSweep => "plane sweep, without a network".to_owned(),
         }
     }
@@ -104,17 +143,18 @@ impl Method {
     #[must_use]
     pub fn is_on_gpu(&self) -> bool {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.device().is_cuda(),
-            Self::PlaneSweep => false,
+            Self::VisCorr(_) | Self::PlaneSweep => false,
         }
     }
 
     /// Distance between neighbouring planes in the source views, pixels of the photographs.
     pub(crate) fn plane_step(&self) -> f64 {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.plane_step(),
+            Self::VisCorr(network) => network.plane_step(),
             Self::PlaneSweep => plane_sweep::PLANE_STEP,
         }
     }
@@ -123,8 +163,9 @@ impl Method {
     /// network finds more in them.
     pub(crate) fn enlarges_by(&self) -> f64 {
         match self {
-            #[cfg(feature = "net")]
-            Self::Network(network) if network.is_light() => 2.0,
+            #[cfg(feature = "torch")]
+            Self::Network(network) if network.is_light() => ENLARGES_BY,
+            Self::VisCorr(_) => ENLARGES_BY,
             _ => 1.0,
         }
     }
@@ -132,7 +173,7 @@ impl Method {
     /// How far beyond the surfaces of its depth maps refinement searches ([`vamvs_refine::RefineOptions::beyond`]).
     pub(crate) fn beyond(&self) -> f32 {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) if !network.is_light() => f32::INFINITY,
             _ => 1.0,
         }
@@ -141,8 +182,9 @@ impl Method {
     /// The strides of a foveated depth map, the coarsest first.
     pub(crate) fn scales(&self) -> Vec<usize> {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.estimator.scales(),
+            Self::VisCorr(_) => unreachable!("vis-corr makes no foveated depth maps"),
             Self::PlaneSweep => vec![vamvs_refine::SWEEP_STRIDE],
         }
     }
@@ -150,8 +192,9 @@ impl Method {
     /// All that decides its depth maps beside plan and photographs.
     pub(crate) fn identity(&self) -> String {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.identity(),
+            Self::VisCorr(network) => network.identity(),
             Self::PlaneSweep => "plane sweep 1".to_owned(),
         }
     }
@@ -159,8 +202,9 @@ impl Method {
     /// What its confidence is.
     pub(crate) fn confidence(&self) -> ConfidenceKind {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.confidence(),
+            Self::VisCorr(network) => network.confidence(),
             Self::PlaneSweep => ConfidenceKind::Unknown,
         }
     }
@@ -168,8 +212,9 @@ impl Method {
     /// Maps the confidence of refined depth maps to the share of depths that are right, if that was measured.
     pub(crate) fn refined_calibration(&self) -> Option<&MonotoneMap> {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.refined_calibration(),
+            Self::VisCorr(network) => network.refined_calibration(),
             Self::PlaneSweep => None,
         }
     }
@@ -177,46 +222,47 @@ impl Method {
     /// The memory that it works in.
     pub(crate) fn memory(&self, limit: MemoryLimit) -> MethodMemory {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.memory(limit),
-            Self::PlaneSweep => MethodMemory::of_process(limit),
+            Self::VisCorr(_) | Self::PlaneSweep => MethodMemory::of_process(limit),
         }
     }
 
     /// What a depth map takes at its peak, bytes.
     pub(crate) fn peak_bytes(&self, photograph: Size, views: usize, planes: usize) -> u64 {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.estimator.peak_bytes(photograph, views, planes) as u64,
+            Self::VisCorr(network) => network.peak_bytes(photograph, views, planes),
             Self::PlaneSweep => plane_sweep::peak_bytes(photograph, views, planes),
         }
     }
 
     /// Makes depth maps in pieces smaller by `factor`, so that they take less memory; the result is the same.
-    #[cfg_attr(not(feature = "net"), expect(unused_variables, reason = "networks alone work in pieces"))]
+    #[cfg_attr(not(feature = "torch"), expect(unused_variables, reason = "modules alone work in pieces"))]
     pub(crate) fn use_smaller_pieces(&mut self, factor: usize) {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.use_smaller_pieces(factor),
-            Self::PlaneSweep => {}
+            Self::VisCorr(_) | Self::PlaneSweep => {}
         }
     }
 
     /// A clock that measures this method.
     pub(crate) fn clock(&self) -> Clock {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => Clock { profile: network.profile(), ..Clock::default() },
-            Self::PlaneSweep => Clock::default(),
+            Self::VisCorr(_) | Self::PlaneSweep => Clock::default(),
         }
     }
 
     /// What the method keeps of a photograph.
-    #[cfg_attr(not(feature = "net"), expect(unused_variables, reason = "networks alone keep something"))]
     pub(crate) fn encode(&self, photo: &Photo, clock: &mut Clock) -> Result<Features, VamvsError> {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.encode(photo, clock),
+            Self::VisCorr(network) => network.encode(photo, clock),
             Self::PlaneSweep => Ok(Features::None),
         }
     }
@@ -224,10 +270,25 @@ impl Method {
     /// The depth maps of a view.
     pub(crate) fn estimate(&self, task: &Task<'_>, clock: &mut Clock) -> Result<Estimated, VamvsError> {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(network) => network.estimate(task, clock),
+            Self::VisCorr(network) => network.estimate(task, clock),
             Self::PlaneSweep => plane_sweep::estimate(task, clock),
         }
+    }
+}
+
+/// Whether this device is the processor; `auto` is a GPU if libtorch has one.
+fn is_processor(device: Option<&str>) -> bool {
+    match device {
+        Some("cpu") => true,
+        #[cfg(feature = "torch")]
+        None | Some("auto") => {
+            vamvs_net::open_device("auto").is_ok_and(|device| device == vamvs_net::Device::Cpu)
+        }
+        #[cfg(not(feature = "torch"))]
+        None | Some("auto") => true,
+        Some(_) => false,
     }
 }
 
@@ -235,8 +296,9 @@ impl Features {
     /// The memory that they take, bytes.
     pub fn bytes(&self) -> usize {
         match self {
-            #[cfg(feature = "net")]
+            #[cfg(feature = "torch")]
             Self::Network(features) => features.bytes(),
+            Self::VisCorr(features) => features.bytes(),
             Self::None => 0,
         }
     }

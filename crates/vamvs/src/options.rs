@@ -65,7 +65,7 @@ impl Default for DepthOptions {
     fn default() -> Self {
         Self {
             max_size: 2000,
-            network_size: 896,
+            network_size: 1536,
             refine: true,
             geometric: true,
             enlarge: 1.0,

@@ -1,7 +1,6 @@
 //! Presets that trade time for quality.
 
 use crate::DepthOptions;
-use crate::weights::NONE;
 
 /// A preset: sizes of photographs, and passes of refinement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -14,16 +13,15 @@ pub enum Quality {
     /// The defaults: vis-corr, both passes of refinement.
     #[default]
     Normal,
-    /// As normal, but the network sees photographs of 1536 pixels: fewer outliers, for twice the time.
+    /// As normal, but the network sees photographs of 2048 pixels: fewer outliers, for more time.
     Best,
 }
 
 impl Quality {
-    /// The name of the network; `none` in a build without libtorch.
+    /// The name of the network.
     #[must_use]
     pub fn weights(self) -> &'static str {
         match self {
-            _ if cfg!(not(feature = "net")) => NONE,
             Self::Draft | Self::Normal | Self::Best => "vis-corr",
         }
     }
@@ -34,10 +32,10 @@ impl Quality {
     pub fn applied(self, options: &DepthOptions) -> DepthOptions {
         let own = match self {
             Self::Draft => {
-                DepthOptions { max_size: 800, network_size: 640, geometric: false, ..DepthOptions::default() }
+                DepthOptions { max_size: 800, network_size: 800, geometric: false, ..DepthOptions::default() }
             }
             Self::Normal => DepthOptions::default(),
-            Self::Best => DepthOptions { network_size: 1536, ..DepthOptions::default() },
+            Self::Best => DepthOptions { network_size: 2048, ..DepthOptions::default() },
         };
         let DepthOptions { max_size, network_size, refine, geometric, coarse_stride, iterations, .. } = own;
         DepthOptions {

@@ -8,7 +8,7 @@ use vamvs_tests::fixtures;
 
 use crate::{depth, estimator, module, planes, swept};
 
-const CASCADE: &str = "weights/cascade";
+const CASCADE: &str = "weights/vis-corr";
 
 /// Around a depth map that is the same everywhere, the planes of the second volume are planes of a finer sweep.
 #[test]

@@ -10,7 +10,7 @@ use vamvs_tests::{Rendered, fixtures};
 use crate::{estimator, planes};
 
 fn network() -> Network {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../weights/cascade.safetensors");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../weights/vis-corr.safetensors");
     Network::new(&std::fs::read(path).unwrap()).unwrap()
 }
 
@@ -38,7 +38,7 @@ fn share_of_others(a: &Grid<f32>, b: &Grid<f32>) -> f64 {
 /// Sides that need padding at every level, with both spacings; whole maps and parts.
 #[test]
 fn depths_are_those_of_the_module() {
-    let (network, module) = (network(), estimator("weights/cascade"));
+    let (network, module) = (network(), estimator("weights/vis-corr"));
     let region = PixelBox { x0: 50, y0: 40, x1: 150, y1: 130 };
     for (size, count, spacing, region) in [
         (Size::new(203, 149), 4, Spacing::Depth, None),

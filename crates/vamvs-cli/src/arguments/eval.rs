@@ -33,7 +33,7 @@ pub enum EvalCommand {
     /// Compare depth maps and cloud of a scene with its true depth maps; write a page of the errors.
     Scene(EvalSceneArguments),
     /// Measure networks on scenes with ground truth, after each stage, and by visibility in the source views.
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     Network(EvalNetworkArguments),
 }
 
@@ -170,7 +170,7 @@ pub struct EvalSceneArguments {
 }
 
 /// `eval network`.
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 #[derive(Debug, Args)]
 pub struct EvalNetworkArguments {
     /// The networks: names of built-in ones, or files.

@@ -1,7 +1,5 @@
 //! `vamvs depth`: photographs and cameras to depth maps.
 
-use std::time::Duration;
-
 use anyhow::{Context, Result};
 use serde_json::json;
 use vamvs::core::Scene;
@@ -172,13 +170,12 @@ fn say_summary(summary: &DepthSummary, progress: &Progress) {
 /// The summary for scripts.
 pub fn as_json(summary: &DepthSummary) -> serde_json::Value {
     let others = [
-        ("plane-sweep", summary.sweeping),
         ("read", summary.reading),
         ("refine", summary.refining),
         ("refine-again", summary.refining_again),
         ("write", summary.writing),
     ];
-    let times = stages(summary).into_iter().chain(others.map(|(name, time)| (name.to_owned(), time)));
+    let times = summary.stages.iter().cloned().chain(others.map(|(name, time)| (name.to_owned(), time)));
     let seconds = times.map(|(name, time)| (name, time.as_secs_f64().into()));
     json!({
         "made": summary.made,
@@ -186,17 +183,4 @@ pub fn as_json(summary: &DepthSummary) -> serde_json::Value {
         "skipped": summary.skipped,
         "seconds": serde_json::Map::from_iter(seconds),
     })
-}
-
-/// The stages of the network, with the time that each took.
-#[cfg(feature = "net")]
-pub fn stages(summary: &DepthSummary) -> Vec<(String, Duration)> {
-    let of = |stage| (format!("{stage:?}").to_lowercase(), summary.profile.spent(stage));
-    vamvs::net::Stage::ALL.map(of).into()
-}
-
-/// The stages of the network, of which this build has none.
-#[cfg(not(feature = "net"))]
-pub fn stages(_: &DepthSummary) -> Vec<(String, Duration)> {
-    Vec::new()
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value, json};
 use vamvs::Maps;
 use vamvs::fusion::MapSource;
@@ -33,6 +33,7 @@ fn facts(what: &Path) -> Result<Map<String, Value>> {
     }
     match what.extension().and_then(|extension| extension.to_str()) {
         Some("pt") => weights(what),
+        Some("safetensors") => vis_corr(what),
         Some("ply") => cloud(what),
         Some("pfm") => float_map(what),
         Some("jpg" | "jpeg" | "png" | "tif" | "tiff" | "bmp" | "webp") => {
@@ -40,13 +41,22 @@ fn facts(what: &Path) -> Result<Map<String, Value>> {
         }
         _ if !what.exists() => bail!("{}: there is no such file or folder", what.display()),
         _ => bail!(
-            "{}: expected a .pt, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/; or the word `device`",
+            "{}: expected a .pt, .safetensors, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/; or the word `device`",
             what.display()
         ),
     }
 }
 
-#[cfg(feature = "net")]
+/// The weights of vis-corr.
+fn vis_corr(path: &Path) -> Result<Map<String, Value>> {
+    let bytes = vamvs::weights::without_libtorch(path)?.expect("a .safetensors file needs no libtorch");
+    let network = vamvs::corr::Network::new(&bytes).with_context(|| path.display().to_string())?;
+    let mut facts = object(json!({"kind": "network"}));
+    facts.extend(object(serde_json::to_value(network.manifest())?));
+    Ok(facts)
+}
+
+#[cfg(feature = "torch")]
 fn weights(path: &Path) -> Result<Map<String, Value>> {
     let network = vamvs::weights::load(Some(path), vamvs::net::Device::Cpu)?;
     let mut facts = object(json!({"kind": "network"}));
@@ -54,7 +64,7 @@ fn weights(path: &Path) -> Result<Map<String, Value>> {
     Ok(facts)
 }
 
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 fn device() -> Result<Map<String, Value>> {
     let device = vamvs::net::device::open_device("auto")?;
     Ok(object(json!({
@@ -64,12 +74,12 @@ fn device() -> Result<Map<String, Value>> {
     })))
 }
 
-#[cfg(not(feature = "net"))]
+#[cfg(not(feature = "torch"))]
 fn weights(path: &Path) -> Result<Map<String, Value>> {
     bail!("{}: this vamvs was built without libtorch and cannot read networks", path.display())
 }
 
-#[cfg(not(feature = "net"))]
+#[cfg(not(feature = "torch"))]
 fn device() -> Result<Map<String, Value>> {
     bail!("this vamvs was built without libtorch and uses no device but the processor")
 }

@@ -1,6 +1,6 @@
 //! The commands, one a file.
 
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod calibrate;
 pub mod depth;
 mod eval;
@@ -13,7 +13,7 @@ mod refine;
 mod report;
 mod synth;
 mod tasks;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod train;
 
 use std::path::Path;
@@ -35,9 +35,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Fuse(arguments) => fuse::run(arguments),
         Command::Synth(arguments) => synth::run(arguments),
         Command::Pseudo(arguments) => pseudo::run(arguments),
-        #[cfg(feature = "net")]
+        #[cfg(feature = "torch")]
         Command::Train(arguments) => train::run(arguments),
-        #[cfg(feature = "net")]
+        #[cfg(feature = "torch")]
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Info(arguments) => info::run(arguments),

@@ -247,7 +247,7 @@ fn a_scene_has_a_page_with_pictures() {
     assert!(std::fs::read(folder.cloud()).unwrap() == cloud);
 }
 
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 #[test]
 fn networks_are_measured_stage_by_stage() {
     let scene = Scene::new(192, 144, 4);

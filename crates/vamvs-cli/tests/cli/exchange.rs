@@ -167,7 +167,7 @@ fn nothing_is_exported_over_what_is_read() {
         assert!(!cloud.exists());
     };
     again(&["--export", "colmap"]);
-    #[cfg(feature = "net")]
+    #[cfg(feature = "torch")]
     {
         let mut reconstruct = vamvs();
         reconstruct.args(["reconstruct", "--export", "colmap", "--weights", "photometric"]);

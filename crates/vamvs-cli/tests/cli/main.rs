@@ -2,27 +2,26 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod bad_input;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod calibrate;
-#[cfg(all(unix, feature = "net"))]
+#[cfg(all(unix, feature = "torch"))]
 mod documents;
 mod eval;
 mod exchange;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod fovea;
 mod fuse;
 mod info;
 mod pseudo;
 mod refine;
 mod report;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod resume;
 mod scene;
 mod synth;
 mod tasks;
 mod terminal;
-#[cfg(feature = "net")]
 mod visibility;
 mod without_network;

@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::scene::{Scene, content, error_of, expect_success, stderr, truncate, vamvs, write};
 
 /// A network, where there are any.
-const METHOD: &str = if cfg!(feature = "net") { "vis-corr" } else { "none" };
+const METHOD: &str = "vis-corr";
 
 const WEIGHTS: [&str; 5] = ["--weights", METHOD, "--planes", "24", "--quiet"];
 

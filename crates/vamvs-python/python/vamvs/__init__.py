@@ -40,12 +40,19 @@ _CUDA = ("libc10_cuda.so", "libtorch_cuda.so")
 
 
 def _load():
-    """Loads the libtorch of the torch package, then the extension, which is linked with it."""
+    """Loads the extension and, if it was built with it, before that the libtorch of the torch package."""
     if (loaded := sys.modules.get("vamvs._vamvs")) is not None:
         return loaded
+    try:
+        from . import _vamvs
+    except ImportError as error:
+        if "torch" not in str(error) and "libc10" not in str(error):
+            raise
+    else:
+        return _vamvs
     torch = importlib.util.find_spec("torch")
     if torch is None or not torch.submodule_search_locations:
-        raise ImportError("vamvs needs the package torch, version 2.11.0: pip install torch==2.11.0")
+        raise ImportError('this build of vamvs needs the package torch, version 2.11.0: pip install "vamvs[torch]"')
     folder = Path(torch.submodule_search_locations[0]) / "lib"
     if "torch" not in sys.modules:
         _load_libraries(folder)

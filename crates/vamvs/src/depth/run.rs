@@ -247,9 +247,7 @@ impl<'a> Run<'a> {
     /// The summary with all times.
     pub fn timed(self) -> DepthSummary {
         let Self { mut summary, maker, .. } = self;
-        summary.sweeping = maker.clock.sweeping;
-        #[cfg(feature = "net")]
-        summary.profile.clone_from(&maker.clock.profile);
+        summary.stages = maker.clock.stages();
         summary.reading += maker.features.reading;
         if let Some(refinement) = &maker.refinement {
             summary.reading += refinement.reading;

@@ -151,6 +151,6 @@ impl NetworkMethod {
 fn features(view: &Encoded) -> &EncodedView {
     match &view.features {
         Features::Network(features) => features,
-        Features::None => unreachable!("a network encodes every photograph that it is given"),
+        _ => unreachable!("a network encodes every photograph that it is given"),
     }
 }

@@ -1,7 +1,5 @@
 //! Depth by a plane sweep over photographs alone.
 
-use std::time::Instant;
-
 use vamvs_core::{Photo, Size};
 use vamvs_refine::{RefineOptions, SWEEP_STRIDE};
 
@@ -35,13 +33,13 @@ pub fn peak_bytes(photograph: Size, views: usize, planes: usize) -> u64 {
 
 /// The depth map of a view.
 pub fn estimate(task: &Task<'_>, clock: &mut Clock) -> Result<Estimated, VamvsError> {
-    let begin = Instant::now();
     let photo = &task.reference.photo;
     let inside = task.region.map(|region| limited(photo, shares(region, photo.camera.size)));
     let sources: Vec<&Photo> = task.sources.iter().map(|source| &source.photo).collect();
     let reference = inside.as_ref().unwrap_or(photo);
-    let map = vamvs_refine::plane_sweep(reference, &sources, &task.plan.planes, &RefineOptions::default())?;
-    clock.sweeping += begin.elapsed();
+    let sweep =
+        || vamvs_refine::plane_sweep(reference, &sources, &task.plan.planes, &RefineOptions::default());
+    let map = clock.time("plane-sweep", sweep)?;
     Ok((vec![map], Vec::new()))
 }
 

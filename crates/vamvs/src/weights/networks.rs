@@ -11,7 +11,7 @@ use crate::{Quality, VamvsError};
 
 /// The networks that are built in, by name.
 const BUILT_IN: [(&str, &[u8]); 3] = [
-    ("vis-corr", vamvs_weights::VIS_CORR),
+    ("vis-corr", vamvs_weights::VIS_CORR_MODULE),
     ("vis-max", vamvs_weights::VIS_MAX),
     ("photometric", vamvs_weights::PHOTOMETRIC),
 ];

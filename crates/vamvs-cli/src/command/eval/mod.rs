@@ -2,7 +2,7 @@
 
 mod cloud;
 mod depth;
-#[cfg(feature = "net")]
+#[cfg(feature = "torch")]
 mod network;
 mod scene;
 mod table;
@@ -21,7 +21,7 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
         EvalCommand::Depth(arguments) => depth::run(arguments),
         EvalCommand::Cloud(arguments) => cloud::run(arguments),
         EvalCommand::Scene(arguments) => scene::run(arguments),
-        #[cfg(feature = "net")]
+        #[cfg(feature = "torch")]
         EvalCommand::Network(arguments) => network::run(arguments),
     }
 }
