@@ -18,6 +18,9 @@ const MODULES: [&str; 6] = [
     "weights/photometric.pt",
 ];
 
+/// The default network as it runs without libtorch.
+const WITHOUT_LIBTORCH: &str = "weights/vis-corr.safetensors";
+
 /// The depth maps that are measured: width and height in pixels, views, planes.
 const SIZES: [[&str; 4]; 2] = [["640", "512", "5", "48"], ["1280", "960", "5", "96"]];
 
@@ -34,20 +37,29 @@ impl Bench {
         for package in ["vamvs-core", "vamvs-fusion", "vamvs-refine"] {
             run(&format!("bench {package}"), &mut cargo(&["bench", "-p", package, "--bench", "*"]))?;
         }
-        run("build", &mut cargo(&["build", "--release", "-p", "vamvs-net", "--examples"]))?;
+        let packages = ["build", "--release", "-p", "vamvs-net", "-p", "vamvs-corr", "--examples"];
+        run("build", &mut cargo(&packages))?;
         println!("\nthis machine");
-        rows(&example("speed", &[])?).iter().for_each(|(name, value)| println!("{name:12}{value:>34}"));
+        rows(&example("vamvs-net", "speed", &[])?)
+            .iter()
+            .for_each(|(name, value)| println!("{name:12}{value:>34}"));
         for module in MODULES {
-            let profile = |size: &[&str; 4]| Ok(rows(&example("profile", &[&[module], &size[..]].concat())?));
-            print_table(module, &SIZES.iter().map(profile).collect::<Result<Vec<_>>>()?);
+            print_table(module, &profiles("vamvs-net", "profile", module)?);
         }
+        print_table(WITHOUT_LIBTORCH, &profiles("vamvs-corr", "stages", WITHOUT_LIBTORCH)?);
         Ok(())
     }
 }
 
-/// Runs an example of the network's crate and returns what it prints.
-fn example(name: &str, arguments: &[&str]) -> Result<String> {
-    let mut command = cargo(&["run", "--release", "--quiet", "-p", "vamvs-net", "--example", name, "--"]);
+/// What an example prints of a network, for each size.
+fn profiles(package: &str, name: &str, network: &str) -> Result<Vec<Vec<(String, String)>>> {
+    let profile = |size: &[&str; 4]| Ok(rows(&example(package, name, &[&[network], &size[..]].concat())?));
+    SIZES.iter().map(profile).collect()
+}
+
+/// Runs an example of a network's crate and returns what it prints.
+fn example(package: &str, name: &str, arguments: &[&str]) -> Result<String> {
+    let mut command = cargo(&["run", "--release", "--quiet", "-p", package, "--example", name, "--"]);
     let output = command.args(arguments).stderr(Stdio::inherit()).output();
     let output = output.with_context(|| format!("the example {name} could not be started"))?;
     ensure!(output.status.success(), "the example {name} failed ({}); its message is above", output.status);

@@ -327,6 +327,10 @@ pub struct DepthFlags {
     /// [default: 255, none].
     #[arg(long, value_name = "LEVEL")]
     pub max_brightness: Option<u8>,
+    /// Photographs of 16 bits: the values that become 0 and 255, or none: their upper 8 bits [default: those between which nearly all
+    /// values of all photographs lie, if they are close together].
+    #[arg(long, num_args = 1..=2, value_names = ["LOW", "HIGH"], action = ArgAction::Set)]
+    pub stretch: Option<Vec<String>>,
     /// Number of views for a depth map, the reference view included; fewer where no more of them show the same surfaces
     /// [default: 5].
     #[arg(long, value_name = "N")]

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use vamvs::core::Roi;
 use vamvs::fusion::{Consistency, FuseOptions};
 use vamvs::io::mvsnet::{DepthLine, PixelCentre};
-use vamvs::{DepthOptions, ExportOptions, FusionOptions, Quality};
+use vamvs::{DepthOptions, ExportOptions, FusionOptions, Quality, Stretching};
 
 use crate::arguments::{CommonFlags, ExportFlags, FusionFlags, Preset};
 
@@ -173,6 +173,23 @@ pub fn roi(numbers: Option<&[f64]>) -> Result<Option<Roi>> {
     Ok(Some(Roi::try_new([x0, y0, z0].into(), [x1, y1, z1].into()).context("--roi")?))
 }
 
+/// How photographs of 16 bits are stretched, from two numbers, `none` or `auto`.
+pub fn stretching(words: Option<&[String]>) -> Result<Option<Stretching>> {
+    let Some(words) = words else { return Ok(None) };
+    let value = |word: &String| word.parse::<u16>();
+    Ok(Some(match words {
+        [word] if word == "none" => Stretching::None,
+        [word] if word == "auto" => Stretching::Auto,
+        [low, high] if value(low).is_ok() && value(high).is_ok() => {
+            Stretching::Between { low: value(low)?, high: value(high)? }
+        }
+        _ => bail!(
+            "--stretch: expected LOW HIGH, two values from 0 to 65535, or none, found {}",
+            words.join(" ")
+        ),
+    }))
+}
+
 /// A depth range from its two numbers.
 pub fn depth_range(numbers: Option<&[f64]>) -> Result<Option<vamvs::core::DepthRange>> {
     let Some(&[near, far]) = numbers else { return Ok(None) };
@@ -294,6 +311,7 @@ mod depth {
             set(&mut depth.enlarge, flags.enlarge);
             set(&mut depth.min_brightness, flags.min_brightness);
             set(&mut depth.max_brightness, flags.max_brightness);
+            set(&mut depth.stretch, stretching(flags.stretch.as_deref())?);
             set(&mut depth.views, flags.views);
             set(&mut depth.planes, flags.planes.map(Some));
             set(&mut depth.max_planes, flags.max_planes);

@@ -41,6 +41,14 @@ impl TryFrom<Ends> for DepthRange {
 }
 
 impl DepthRange {
+    /// The range with half of its length in inverse depth added at these ends, near and far; the far end is at most four times as far as
+    /// before.
+    #[must_use]
+    pub fn widened(self, ends: [bool; 2]) -> Self {
+        let margins = ends.map(|end| if end { 0.5 } else { 0.0 });
+        widened(self.near, self.far, margins, 0.0).unwrap_or(self)
+    }
+
     /// Checks that 0 < near < far, both finite.
     ///
     /// # Errors
@@ -82,6 +90,15 @@ const FEWEST_POINTS: usize = 10;
 /// Most points that are projected into a view whose tracks name too few.
 const MOST_PROJECTED: usize = 100_000;
 
+/// The margins before and behind the points' depths, as shares of their range in inverse depth.
+const MARGINS: [f64; 2] = [0.25, 0.4];
+
+/// The least margin, in inverse depth, as a share of the inverse of the median depth.
+const MARGIN_OF_MEDIAN: f64 = 0.02;
+
+/// How many times as far the far end becomes at most by a margin.
+const FARTHEST: f64 = 4.0;
+
 /// The factor by which the range from camera geometry extends in front of and behind the point at which the cameras
 /// look.
 const FOCUS_MARGIN: f64 = 2.5;
@@ -113,9 +130,9 @@ pub fn for_view(
 /// than ten, too.
 ///
 /// At both ends 1 % of the depths, but at least one of more than one, are left out, and up to 5 % as long as they are outliers: nearer or farther than
-/// their quartile by more than the factor r³, where r is the ratio of the quartiles, at least 1.5. The margin on both
-/// sides is a tenth of the remaining range and at least 2 % of the median depth; the nearest depth is at most halved
-/// by it.
+/// their quartile by more than the factor r³, where r is the ratio of the quartiles, at least 1.5. Surfaces with little texture,
+/// far walls above all, have few points or none: the margins are a quarter of the remaining range in inverse depth at the near end, and
+/// two fifths at the far end, but at least 2 % of the median depth; the far end is at most four times as far by it.
 #[must_use]
 pub fn from_points(scene: &Scene, seen: &SeenPoints, view: usize) -> Option<DepthRange> {
     let seen = seen.by(view).iter().map(|&point| &scene.points[point]);
@@ -179,8 +196,16 @@ fn robust_range(mut depths: Vec<f64>) -> Option<DepthRange> {
     };
     let near = end(&|rank| depths[rank], &|depth| depth < nearer / reach);
     let far = end(&|rank| depths[last - rank], &|depth| depth > farther * reach);
-    let margin = (0.1 * (far - near)).max(0.02 * depths[last / 2]);
-    DepthRange::try_new((near - margin).max(0.5 * near), far + margin).ok()
+    widened(near, far, MARGINS, MARGIN_OF_MEDIAN / depths[last / 2])
+}
+
+/// The range from `near` to `far` with margins of these shares of it in inverse depth, each at least `least`. The far end is at most
+/// `FARTHEST` times as far as before.
+fn widened(near: f64, far: f64, [before, behind]: [f64; 2], least: f64) -> Option<DepthRange> {
+    let length = 1.0 / near - 1.0 / far;
+    let [before, behind] = [before, behind].map(|share| (share * length).max(least));
+    let inverse_far = (1.0 / far - behind).max(1.0 / (FARTHEST * far));
+    DepthRange::try_new(1.0 / (1.0 / near + before), 1.0 / inverse_far).ok()
 }
 
 /// The depth in view `a` at which its optical axis comes closest to that of `b`; `None` if the closest point is
@@ -233,17 +258,19 @@ mod tests {
     #[test]
     fn points_give_their_range_and_a_margin() {
         let range = ranged(&scene(even(1001), &[0]), 0).unwrap();
-        // At each end 1 % of the length 2 is left out; then a tenth of 1.96 is added.
-        assert!((range.near - (4.02 - 0.196)).abs() < 1e-9 && (range.far - (5.98 + 0.196)).abs() < 1e-9);
+        // At each end 1 % of the length 2 is left out; then the margins are added.
+        let length = 1.0 / 4.02 - 1.0 / 5.98;
+        assert!((1.0 / range.near - (1.0 / 4.02 + 0.25 * length)).abs() < 1e-9, "{range:?}");
+        assert!((1.0 / range.far - (1.0 / 5.98 - 0.4 * length)).abs() < 1e-9, "{range:?}");
     }
 
     #[test]
     fn outliers_do_not_widen_the_range() {
         let outliers = (0..40).map(|i| if i % 2 == 0 { 1e4 + f64::from(i) } else { 1e-4 });
         let range = ranged(&scene(even(960).chain(outliers), &[0]), 0).unwrap();
-        assert!(range.near > 3.5 && range.near < 4.0 && range.far > 6.0 && range.far < 6.5, "{range:?}");
+        assert!(range.near > 3.5 && range.near < 4.0 && range.far > 6.0 && range.far < 7.6, "{range:?}");
         let few = ranged(&scene(even(11).chain([1e6]), &[0]), 0).unwrap();
-        assert!(few.near < 4.3 && few.far > 5.8 && few.far < 6.5, "{few:?}");
+        assert!(few.near < 4.3 && few.far > 5.8 && few.far < 7.6, "{few:?}");
     }
 
     #[test]
@@ -259,9 +286,18 @@ mod tests {
     }
 
     #[test]
+    fn a_range_is_widened_at_the_ends_that_are_asked_for() {
+        let range = DepthRange { near: 2.0, far: 4.0 };
+        assert_eq!(range.widened([true, false]), DepthRange { near: 1.6, far: 4.0 });
+        assert_eq!(range.widened([false, true]), DepthRange { near: 2.0, far: 8.0 });
+        let wide = DepthRange { near: 1.0, far: 10.0 };
+        assert_eq!(wide.widened([false, true]).far, 40.0, "four times at most");
+    }
+
+    #[test]
     fn points_on_a_plane_still_give_a_range() {
         let range = ranged(&scene([5.0; 20], &[0]), 0).unwrap();
-        assert!((range.near - 4.9).abs() < 1e-9 && (range.far - 5.1).abs() < 1e-9);
+        assert!((range.near - 5.0 / 1.02).abs() < 1e-9 && (range.far - 5.0 / 0.98).abs() < 1e-9);
     }
 
     #[test]
@@ -270,7 +306,7 @@ mod tests {
         let aside = |z: f64| SparsePoint { x_in_world: Vector3::new(z, 0.0, z), views: vec![] };
         scene.points.extend([-5.0, -6.0, 100.0].map(aside).into_iter().cycle().take(90));
         let range = ranged(&scene, 0).unwrap();
-        assert!(range.near > 3.7 && range.far < 6.3, "{range:?}");
+        assert!(range.near > 3.6 && range.far < 7.6, "{range:?}");
     }
 
     #[test]

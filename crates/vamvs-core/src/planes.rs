@@ -92,6 +92,18 @@ impl Planes {
         Self { count: count.next_multiple_of(8).max(FEWEST).min(self.count), ..*self }
     }
 
+    /// Planes of another range, at the same distances, but not more than `most`.
+    #[must_use]
+    pub fn for_range(&self, range: DepthRange, most: usize) -> Self {
+        let length = |range: DepthRange| match self.spacing {
+            Spacing::Depth => range.far - range.near,
+            Spacing::InverseDepth => 1.0 / range.near - 1.0 / range.far,
+        };
+        let count = (self.count - 1) as f64 * length(range) / length(self.range);
+        let count = (count.ceil() as usize + 1).next_multiple_of(8).min(most.max(self.count));
+        Self { range, count, ..*self }
+    }
+
     /// The depths of all planes, nearest first.
     #[must_use]
     pub fn depths(&self) -> Vec<f64> {

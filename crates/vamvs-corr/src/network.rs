@@ -446,3 +446,89 @@ impl EncodedView {
         Ok((Self { camera, cam_from_world: self.cam_from_world, padded, fine, coarse }, outer))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wide::{ALLOWED, Widest};
+    use vamvs_core::{DepthRange, Intrinsics, Spacing};
+
+    /// Photographs of a wall with blotches, from cameras side by side.
+    fn photos(size: Size, count: usize) -> Vec<Photo> {
+        let focal = size.width as f64;
+        let intrinsics = Intrinsics { fx: focal, fy: focal, cx: 0.5 * focal, cy: 0.5 * size.height as f64 };
+        let shade = |x: f64, y: f64, phase: f64| {
+            (127.0 + 60.0 * (0.31 * x + phase).sin() + 60.0 * (0.23 * y - phase * x).cos()) as u8
+        };
+        let photo = |view: usize| {
+            let mut cam_from_world = Pose::identity();
+            cam_from_world.translation.x = -0.25 * view as f64;
+            // The wall is five units away.
+            let shift = 0.25 * view as f64 * focal / 5.0;
+            let image = Grid::from_fn(size, |x, y| {
+                [0.1, 0.5, 0.9].map(|phase| shade(x as f64 + shift, y as f64, phase))
+            });
+            Photo { camera: Pinhole { size, intrinsics }, cam_from_world, image, mask: None }
+        };
+        (0..count).map(photo).collect()
+    }
+
+    fn estimate(network: &Network, photos: &[Photo]) -> Estimate {
+        let encoded: Vec<_> =
+            photos.iter().map(|photo| network.encode(photo).expect("a photograph")).collect();
+        let sources: Vec<_> = encoded[1..].iter().collect();
+        let planes =
+            Planes { range: DepthRange { near: 3.0, far: 12.0 }, count: 24, spacing: Spacing::InverseDepth };
+        network.estimate(&encoded[0], &sources, &planes, &mut |_, run| run()).expect("a depth map")
+    }
+
+    fn network() -> Network {
+        Network::new(vamvs_weights::VIS_CORR).expect("the built-in weights")
+    }
+
+    #[test]
+    fn all_instruction_sets_give_the_same_bits() {
+        let (network, photos) = (network(), photos(Size::new(104, 72), 3));
+        let whole = estimate(&network, &photos);
+        let sets = [
+            Widest::Any,
+            #[cfg(target_arch = "x86_64")]
+            Widest::Avx2,
+        ];
+        for set in sets {
+            *ALLOWED.write().expect("no test has failed while it wrote") = Some(set);
+            let narrow = estimate(&network, &photos);
+            assert_eq!(narrow.map.depth.data(), whole.map.depth.data(), "{set:?}");
+            assert_eq!(narrow.map.confidence.data(), whole.map.confidence.data(), "{set:?}");
+            assert_eq!(narrow.surface.data(), whole.surface.data(), "{set:?}");
+        }
+        *ALLOWED.write().expect("no test has failed while it wrote") = None;
+    }
+
+    #[test]
+    fn a_wall_is_where_it_is() {
+        let estimate = estimate(&network(), &photos(Size::new(256, 192), 4));
+        assert_eq!(estimate.map.depth.size(), Size::new(64, 48));
+        let close =
+            estimate.map.depth.data().iter().filter(|depth| (*depth - 5.0).abs() < 0.05 * 5.0).count();
+        assert!(close > 64 * 48 * 8 / 10, "{close} of {} pixels within 5 %", 64 * 48);
+    }
+
+    #[test]
+    fn inputs_that_cannot_be_are_refused() {
+        let (network, photos) = (network(), photos(Size::new(64, 48), 1));
+        let small =
+            Photo { camera: Pinhole { size: Size::new(64, 16), ..photos[0].camera }, ..photos[0].clone() };
+        assert!(network.encode(&small).expect_err("a small one").to_string().contains("32×32"));
+        let view = network.encode(&photos[0]).expect("a photograph");
+        let range = DepthRange { near: 3.0, far: 12.0 };
+        let planes = |count| Planes { range, count, spacing: Spacing::Depth };
+        let mut run = |_, run: &mut dyn FnMut()| run();
+        let said = network.estimate(&view, &[], &planes(8), &mut run).expect_err("no source").to_string();
+        assert!(said.contains("source view"), "{said}");
+        let said =
+            network.estimate(&view, &[&view], &planes(1), &mut run).expect_err("one plane").to_string();
+        assert!(said.contains("2 planes"), "{said}");
+        assert!(view.cropped(&PixelBox { x0: 90, y0: 0, x1: 99, y1: 9 }).is_err());
+    }
+}

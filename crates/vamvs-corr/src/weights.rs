@@ -241,3 +241,59 @@ fn moves(shape: &Shape, stride: usize, dilation: usize) -> Moves {
     let padding = shape.sides().map(|side| dilation * ((side - 1) / 2));
     Moves { stride, padding, dilation }
 }
+
+#[cfg(test)]
+mod tests {
+    use safetensors::tensor::TensorView;
+
+    use super::*;
+
+    /// The built-in weights with one change to the values of a tensor and to the manifest.
+    fn changed(name: &str, change: impl Fn(&mut Vec<u8>), manifest: impl Fn(&str) -> String) -> Vec<u8> {
+        let bytes = vamvs_weights::VIS_CORR;
+        let (_, header) = SafeTensors::read_metadata(bytes).expect("the built-in weights");
+        let mut entries = header.metadata().clone().expect("metadata");
+        let text = manifest(&entries[MANIFEST]);
+        entries.insert(MANIFEST.to_owned(), text);
+        let file = SafeTensors::deserialize(bytes).expect("the built-in weights");
+        let tensors: Vec<(String, Dtype, Vec<usize>, Vec<u8>)> = file
+            .iter()
+            .map(|(own, view)| {
+                let mut data = view.data().to_vec();
+                if own == name {
+                    change(&mut data);
+                }
+                (own.to_owned(), view.dtype(), view.shape().to_vec(), data)
+            })
+            .collect();
+        let views = tensors.iter().map(|(name, kind, shape, data)| {
+            (name.clone(), TensorView::new(*kind, shape.clone(), data).expect("a tensor"))
+        });
+        safetensors::serialize(views, Some(entries)).expect("tensors")
+    }
+
+    fn problem(bytes: &[u8]) -> String {
+        crate::Network::new(bytes).expect_err("damaged weights").to_string()
+    }
+
+    #[test]
+    fn damaged_weights_and_those_of_other_networks_are_named() {
+        let whole = vamvs_weights::VIS_CORR;
+        assert!(crate::Network::new(whole).is_ok());
+        for length in [0, 7, 100, whole.len() - 1] {
+            assert!(problem(&whole[..length]).contains("safetensors"), "cut to {length} bytes");
+        }
+        assert!(problem(b"not weights at all, but a text").contains("safetensors"));
+        let same = |text: &str| text.to_owned();
+        let name = "seen.2.bias";
+        let said = problem(&changed(name, |data| data.copy_from_slice(&f32::NAN.to_le_bytes()), same));
+        assert!(said.contains(name) && said.contains("NaN"), "{said}");
+        let other =
+            |text: &str| text.replace("\"aggregation\": \"vis-corr\"", "\"aggregation\": \"vis-max\"");
+        let said = problem(&changed("", |_| (), other));
+        assert!(said.contains("vis-max") && said.contains("expected vis-corr"), "{said}");
+        let single = |text: &str| text.replace("\"cascade\"", "\"other\"");
+        let said = problem(&changed("", |_| (), single));
+        assert!(said.contains("cascade"), "{said}");
+    }
+}

@@ -15,8 +15,8 @@ use ::image::codecs::png::PngEncoder;
 use ::image::imageops::{self, FilterType};
 use ::image::metadata::Orientation;
 use ::image::{
-    DynamicImage, ExtendedColorType, ImageBuffer, ImageDecoder, ImageEncoder, ImageFormat, ImageReader,
-    Limits,
+    ColorType, DynamicImage, ExtendedColorType, ImageBuffer, ImageDecoder, ImageEncoder, ImageFormat,
+    ImageReader, Limits,
 };
 use vamvs_core::{Camera, Grid, Rgb, Size};
 
@@ -30,6 +30,22 @@ const ASPECT_TOLERANCE: f64 = 0.01;
 
 /// Smallest alpha at which a pixel is used.
 const OPAQUE: u8 = 128;
+
+/// How values of 16 bits become 8: linearly, from 0 at `low` to 255 at `high`, cut off beyond.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stretch {
+    /// The value that becomes 0.
+    pub low: u16,
+    /// The value that becomes 255, above `low`.
+    pub high: u16,
+}
+
+impl Stretch {
+    fn of(self, value: u16) -> u8 {
+        let (value, length) = (value.clamp(self.low, self.high) - self.low, self.high - self.low);
+        ((u32::from(value) * 255 + u32::from(length) / 2) / u32::from(length)) as u8
+    }
+}
 
 /// A decoded photograph.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,7 +66,7 @@ pub struct LoadedImage {
 /// If the file cannot be read, is truncated or corrupt, is none of JPEG, PNG, TIFF, BMP and WebP, or
 /// would decode to more than 1 GiB.
 pub fn load(path: &Path) -> Result<LoadedImage, IoError> {
-    Ok(convert(decode(path)?, false))
+    Ok(convert(decode(path)?, false, None))
 }
 
 /// The colours of an image as its pixels are stored.
@@ -69,7 +85,7 @@ pub fn load_rgb(path: &Path) -> Result<Grid<Rgb>, IoError> {
 ///
 /// `longer_side` tells how many pixels of the longer side of an image of a size are needed. A JPEG that has at least
 /// twice as many is decoded at 1/2, 1/4 or 1/8 of its size where that divides both sides; the camera is that of the
-/// whole image all the same.
+/// whole image all the same. `stretch` applies to images of 16 bits; without it their upper 8 bits are taken.
 ///
 /// # Errors
 /// As [`load`], and if the image has neither the size nor the aspect ratio of the camera.
@@ -77,6 +93,7 @@ pub fn load_for_camera(
     path: &Path,
     camera: &Camera,
     longer_side: impl Fn(Size) -> usize,
+    stretch: Option<Stretch>,
 ) -> Result<(LoadedImage, Camera), IoError> {
     let Decoded { mut image, stored, orientation } = decode_at_least(path, longer_side)?;
     let Some(size) = fitting_size(stored, orientation, camera.size) else {
@@ -87,7 +104,7 @@ pub fn load_for_camera(
     if rotate {
         image.apply_orientation(orientation);
     }
-    let mut loaded = convert(image, rotate);
+    let mut loaded = convert(image, rotate, stretch);
     loaded.note = (size != camera.size).then(|| resized_note(path, size, camera.size));
     Ok((loaded, camera.resized(size)))
 }
@@ -267,10 +284,36 @@ fn refused(path: &Path) -> impl FnOnce(::image::ImageError) -> IoError {
     move |source| IoError::Image { path: path.to_owned(), source }
 }
 
-fn convert(image: DynamicImage, exif_rotated: bool) -> LoadedImage {
+fn convert(image: DynamicImage, exif_rotated: bool, stretch: Option<Stretch>) -> LoadedImage {
     let size = size_of(&image);
     let alpha_mask = image.color().has_alpha().then(|| alpha_mask(&image)).flatten();
-    LoadedImage { rgb: rgb_grid(size, image.into_rgb8().into_raw()), alpha_mask, exif_rotated, note: None }
+    let bytes = match stretch.filter(|_| has_16_bits(image.color())) {
+        Some(stretch) => image.into_rgb16().into_raw().into_iter().map(|value| stretch.of(value)).collect(),
+        None => image.into_rgb8().into_raw(),
+    };
+    LoadedImage { rgb: rgb_grid(size, bytes), alpha_mask, exif_rotated, note: None }
+}
+
+fn has_16_bits(colour: ColorType) -> bool {
+    matches!(colour, ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16)
+}
+
+/// An even sample of at most about `most` of an image's values, all channels alike, if they have 16 bits; of others the file's beginning
+/// alone is read.
+///
+/// # Errors
+/// As [`load`].
+pub fn values_of_16_bits(path: &Path, most: usize) -> Result<Option<Vec<u16>>, IoError> {
+    let file = File::open(path).map(BufReader::new).map_err(IoError::system("open", path))?;
+    let reader = ImageReader::new(file).with_guessed_format().map_err(IoError::system("read", path))?;
+    if !has_16_bits(reader.into_decoder().map_err(refused(path))?.color_type()) {
+        return Ok(None);
+    }
+    let values = decode(path)?.into_rgb16().into_raw();
+    let step = values.len().div_ceil(most.max(1)).max(1);
+    // Steps of whole pixels and one channel: all channels come in turn.
+    let step = if step.is_multiple_of(3) { step + 1 } else { step };
+    Ok(Some(values.into_iter().step_by(step).collect()))
 }
 
 fn alpha_mask(image: &DynamicImage) -> Option<Grid<bool>> {

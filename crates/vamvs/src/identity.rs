@@ -37,7 +37,7 @@ impl<'a> Identity<'a> {
         let Prepared { scene, photographs, plan, options, .. } = work;
         let sizes = (photographs.max_size(), photographs.full_size(), photographs.enlarge());
         let mut hasher = blake3::Hasher::new();
-        hasher.update(format!("{} {sizes:?} {:?}", self.common, photographs.brightness()).as_bytes());
+        hasher.update(format!("{} {sizes:?} {:?}", self.common, photographs.tones()).as_bytes());
         let steps = (options.refine, options.geometric, options.visibility);
         hasher.update(format!("{steps:?}").as_bytes());
         for (view, plan) in scene.views.iter().zip(&plan.views) {
@@ -57,7 +57,7 @@ impl<'a> Identity<'a> {
     ) -> String {
         let mut hasher = blake3::Hasher::new();
         let (max_size, enlarge) = (photographs.max_size(), photographs.enlarge());
-        let sized = format!("{} {max_size} {enlarge:?} {:?}", self.common, photographs.brightness());
+        let sized = format!("{} {max_size} {enlarge:?} {:?}", self.common, photographs.tones());
         hasher.update(sized.as_bytes());
         if let Some(options) = refined {
             hasher.update(format!("{} {options:?}", photographs.full_size()).as_bytes());

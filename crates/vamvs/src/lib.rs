@@ -8,8 +8,8 @@
 //! cloud, and [`export`] writes files for other programs. [`report`] shows a run on a page, and
 //! [`eval`] compares results with ground truth. Progress comes as [`Event`]s; nothing here prints.
 //!
-//! Without the feature `net` the crate builds and runs without libtorch. It then has no networks: depth comes
-//! from a plane sweep ([`Method::PlaneSweep`]).
+//! The default network, vis-corr, runs without libtorch ([`Method::VisCorr`]). The feature `torch` adds TorchScript modules
+//! and GPUs.
 
 mod ceiling;
 mod claim;
@@ -52,7 +52,7 @@ pub use memory::MemoryLimit;
 #[cfg(feature = "torch")]
 pub use method::NetworkMethod;
 pub use method::{Method, VisCorr};
-pub use options::{DepthOptions, FusionOptions};
+pub use options::{DepthOptions, FusionOptions, Stretching};
 pub use output::OutputFolder;
 pub use photographs::{PhotoSource, Photographs, Picture};
 pub use plan::{Plan, ViewPlan, plan};

@@ -30,6 +30,8 @@ pub struct DepthOptions {
     pub min_brightness: u8,
     /// Pixels all of whose channels are brighter, grey values, count as masked: a white backdrop. 255: none.
     pub max_brightness: u8,
+    /// How photographs of 16 bits become 8.
+    pub stretch: Stretching,
     /// Stride of the coarse depth map, pixels of a photograph: 8 or 4; what is thinner than the stride is lost. By
     /// default the network's own.
     #[serde(alias = "cells")]
@@ -71,6 +73,7 @@ impl Default for DepthOptions {
             enlarge: 1.0,
             min_brightness: 0,
             max_brightness: 255,
+            stretch: Stretching::Auto,
             coarse_stride: None,
             views: 5,
             planes: None,
@@ -84,6 +87,25 @@ impl Default for DepthOptions {
             max_memory: MemoryLimit::default(),
         }
     }
+}
+
+/// How photographs of 16 bits become 8.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stretching {
+    /// All alike, between the values that nearly all of the scene's photographs lie between, if these are less than half of
+    /// what 16 bits can hold.
+    #[default]
+    Auto,
+    /// Their upper 8 bits.
+    None,
+    /// From 0 at `low` to 255 at `high`.
+    Between {
+        /// The value that becomes 0.
+        low: u16,
+        /// The value that becomes 255.
+        high: u16,
+    },
 }
 
 /// How depth maps become a cloud.

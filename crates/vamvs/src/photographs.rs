@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use vamvs_core::undistort::Undistortion;
 use vamvs_core::{Camera, Grid, Photo, Pinhole, Rgb, Scene, Size, View};
-use vamvs_io::image;
+use vamvs_io::image::{self, Stretch};
 use vamvs_io::masks::{self, Masks};
 
-use crate::{DepthOptions, VamvsError};
+use crate::{DepthOptions, Stretching, VamvsError};
 
 /// A program's own photographs, in memory or anywhere else.
 pub trait PhotoSource: Send + Sync {
@@ -60,7 +60,18 @@ pub struct Photographs {
     enlarge_for_network: f64,
     /// The darkest and the brightest grey value that is not masked as backdrop.
     brightness: [u8; 2],
+    /// How photographs of 16 bits become 8.
+    stretch: Option<Stretch>,
 }
+
+/// The most photographs, evenly spread, and values of each, that tell how all are stretched.
+const STRETCHED_BY: (usize, usize) = (16, 20_000);
+
+/// The share of the values that is cut off at each end by a stretch.
+const CUT_OFF: f64 = 0.001;
+
+/// Photographs whose values span more than this are not stretched.
+const WIDE: u16 = u16::MAX / 2;
 
 impl Photographs {
     /// Photographs in `images`, with their masks (0 = ignore), at the size that the options ask for: that at which the
@@ -82,7 +93,39 @@ impl Photographs {
         } = *options;
         let brightness = [min_brightness, max_brightness];
         let max_size = full_size.min(network_size);
-        Self { origin, max_size, full_size, enlarge, enlarge_for_network: enlarge, brightness }
+        let stretch = match options.stretch {
+            Stretching::Between { low, high } => Some(Stretch { low, high }),
+            Stretching::Auto | Stretching::None => None,
+        };
+        Self { origin, max_size, full_size, enlarge, enlarge_for_network: enlarge, brightness, stretch }
+    }
+
+    /// The same photographs, of which those of 16 bits are stretched as the options say; with [`Stretching::Auto`], between the
+    /// values that nearly all of those of `views` lie between, if they are close together, which a warning tells.
+    #[must_use]
+    pub fn stretched(self, views: &[View], options: &DepthOptions) -> (Self, Option<String>) {
+        let Origin::Files { images, .. } = &self.origin else { return (self, None) };
+        if options.stretch != Stretching::Auto {
+            return (self, None);
+        }
+        let (most, values) = STRETCHED_BY;
+        let step = views.len().div_ceil(most).max(1);
+        let paths = views.iter().step_by(step).map(|view| images.join(&view.name));
+        // What cannot be read is told when it is wanted.
+        let sampled = |path: PathBuf| image::values_of_16_bits(&path, values).ok().flatten();
+        let mut values: Vec<u16> = paths.filter_map(sampled).flatten().collect();
+        values.sort_unstable();
+        let cut = (CUT_OFF * values.len() as f64) as usize;
+        let (Some(&low), Some(&high)) = (values.get(cut), values.iter().rev().nth(cut)) else {
+            return (self, None);
+        };
+        if low >= high || high - low > WIDE {
+            return (self, None);
+        }
+        let note = format!(
+            "the photographs have 16 bits, of which they use {low} to {high}: all are stretched to 8 bits alike (--stretch)"
+        );
+        (Self { stretch: Some(Stretch { low, high }), ..self }, Some(note))
     }
 
     /// The same photographs, reduced to `max_size` pixels on the longer side.
@@ -131,15 +174,15 @@ impl Photographs {
         [self.enlarge, self.enlarge_for_network]
     }
 
-    /// Grey values below and above which a pixel is backdrop.
-    pub(crate) fn brightness(&self) -> [u8; 2] {
-        self.brightness
+    /// How grey values are taken: the darkest and the brightest that are not masked as backdrop, and the stretch of 16 bits.
+    pub(crate) fn tones(&self) -> ([u8; 2], Option<Stretch>) {
+        (self.brightness, self.stretch)
     }
 
-    /// The options that change photographs, apart from their size: enlargement, and the darkest and
-    /// brightest grey value.
-    pub(crate) fn shape(&self) -> (f64, [u8; 2]) {
-        (self.enlarge, self.brightness)
+    /// The options that change photographs, apart from their size: enlargement, the darkest and
+    /// brightest grey value, and the stretch of 16 bits.
+    pub(crate) fn shape(&self) -> (f64, [u8; 2], Option<Stretch>) {
+        (self.enlarge, self.brightness, self.stretch)
     }
 
     /// The folder of photographs, if they are files.
@@ -225,7 +268,8 @@ impl Photographs {
         // An undistorted photograph is sampled at twice the size first.
         let samples = if view.camera.lens.distorts() { 2 } else { 1 };
         let needed = |size: Size| samples * self.working_size(size).longer_side();
-        let Taken { picture: Picture { image, mask }, camera, note } = self.origin.taken(view, needed)?;
+        let Taken { picture: Picture { image, mask }, camera, note } =
+            self.origin.taken(view, needed, self.stretch)?;
         let undistortion = Undistortion::new(&camera);
         let size = self.working_size(camera.size);
         let mask = undistortion.resized(camera.size, size).mask(mask.as_ref());
@@ -257,11 +301,16 @@ impl Photographs {
 
 impl Origin {
     /// The picture of a view, of which as many pixels of the longer side are needed as `longer_side` says for a size.
-    fn taken(&self, view: &View, longer_side: impl Fn(Size) -> usize) -> Result<Taken, VamvsError> {
+    fn taken(
+        &self,
+        view: &View,
+        longer_side: impl Fn(Size) -> usize,
+        stretch: Option<Stretch>,
+    ) -> Result<Taken, VamvsError> {
         match self {
             Self::Files { images, masks } => {
                 let (loaded, camera) =
-                    image::load_for_camera(&images.join(&view.name), &view.camera, longer_side)?;
+                    image::load_for_camera(&images.join(&view.name), &view.camera, longer_side, stretch)?;
                 let mask = masks.find(&view.name).map(|path| masks::load(&path, camera.size)).transpose()?;
                 let picture = Picture { image: loaded.rgb, mask: both(mask, loaded.alpha_mask) };
                 Ok(Taken { picture, camera, note: loaded.note })

@@ -8,7 +8,7 @@ use vamvs_core::{DepthRange, Pinhole, Planes, Scene, SeenPoints, Size, Source};
 
 use crate::options::MIN_SIZE;
 use crate::photographs::working_cameras;
-use crate::{DepthOptions, Photographs, VamvsError};
+use crate::{DepthOptions, Photographs, Stretching, VamvsError};
 
 /// Number of neighbours stored for each view; fusion uses as many of them as its options say.
 const NEIGHBOURS: usize = 30;
@@ -106,6 +106,11 @@ fn check(options: &DepthOptions) -> Result<(), VamvsError> {
         return wrong(format!(
             "min-brightness {darkest} and max-brightness {brightest} leave no pixel: expected the former below the latter"
         ));
+    }
+    if let Stretching::Between { low, high } = options.stretch
+        && low >= high
+    {
+        return wrong(format!("stretch needs a low value below the high one, got {low} and {high}"));
     }
     if let Some(range) = options.depth_range {
         DepthRange::try_new(range.near, range.far).map_err(|error| VamvsError::Request(error.to_string()))?;

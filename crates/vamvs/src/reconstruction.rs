@@ -135,6 +135,8 @@ impl Reconstruction {
         self.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
         let mut method = Method::new(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
         let photographs = Photographs::of(self.origin, &self.depth);
+        let (photographs, note) = photographs.stretched(&self.scene.views, &self.depth);
+        note.map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
         let one_size = self.depth.fovea || !self.depth.refine;
         let photographs = photographs.enlarged_for_network(if one_size { 1.0 } else { method.enlarges_by() });
         let memory = method.memory(self.depth.max_memory);

@@ -32,10 +32,10 @@ pub fn is_built_in(weights: &Path) -> bool {
     is_none(weights) || weights == Path::new(VIS_CORR)
 }
 
-/// The name of the built-in network that aggregates views as the paper does; `none` in a build without libtorch.
+/// The name of the built-in network that is most like the paper's: vis-corr in a build without libtorch.
 #[must_use]
 pub fn of_paper() -> &'static str {
-    if cfg!(feature = "torch") { "vis-max" } else { NONE }
+    if cfg!(feature = "torch") { "vis-max" } else { VIS_CORR }
 }
 
 /// The weights of a network that needs no libtorch: those of vis-corr, which are built in, or those in a .safetensors file;

@@ -8,7 +8,7 @@ use vamvs::core::Scene;
 use vamvs::io::masks::Masks;
 use vamvs::output::is_same;
 use vamvs::refine::{RefineJob, RefineOptions, RefineSummary, refine};
-use vamvs::{Maps, OutputFolder, Photographs};
+use vamvs::{DepthOptions, Maps, OutputFolder, Photographs};
 
 use crate::arguments::RefineArguments;
 use crate::progress::Progress;
@@ -80,14 +80,20 @@ impl Photographed {
             let images = settings.input.images.clone().unwrap_or_else(beside);
             progress.say(&format!("photographs of the depth maps' names, in {}", images.display()));
             let masks = settings.input.masks(&Masks::None)?;
-            let photographs = Photographs::new(&images, masks, &options).full();
-            return Ok(Self { scene: maps.scene().clone(), photographs });
+            let scene = maps.scene().clone();
+            return Ok(Self::of(scene, Photographs::new(&images, masks, &options), &options, progress));
         }
         let loaded = settings.input.scene()?.load()?;
         loaded.warnings.iter().for_each(|warning| progress.warn(warning));
         let masks = settings.input.masks(&loaded.masks)?;
-        let photographs = Photographs::new(&loaded.images, masks, &options).full();
-        Ok(Self { photographs, scene: loaded.scene })
+        let photographs = Photographs::new(&loaded.images, masks, &options);
+        Ok(Self::of(loaded.scene, photographs, &options, progress))
+    }
+
+    fn of(scene: Scene, photographs: Photographs, options: &DepthOptions, progress: &Progress) -> Self {
+        let (photographs, note) = photographs.full().stretched(&scene.views, options);
+        note.iter().for_each(|note| progress.warn(note));
+        Self { scene, photographs }
     }
 }
 

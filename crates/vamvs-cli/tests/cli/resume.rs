@@ -94,7 +94,7 @@ fn a_draft_is_quick_is_recorded_and_gives_way_to_flags() {
         let map = vamvs::io::pfm::read(&scene.out().join("depths/0000.pfm")).unwrap();
         (map.size(), std::fs::read_to_string(scene.out().join("run.toml")).unwrap())
     };
-    let decided = ["max-size = 800", "network-size = 640", "geometric = false", "weights = \"vis-corr\""];
+    let decided = ["max-size = 800", "network-size = 800", "geometric = false", "weights = \"vis-corr\""];
     for quality in [&["--quality", "draft"][..], &["--preview"]] {
         let (size, settings) = size_and_settings(quality);
         assert_eq!(size, vamvs::core::Size::new(256, 192));
@@ -103,7 +103,7 @@ fn a_draft_is_quick_is_recorded_and_gives_way_to_flags() {
     let flags = ["--quality", "draft", "--max-size", "160", "--weights", "photometric", "--no-refine"];
     let (size, settings) = size_and_settings(&flags);
     assert_eq!(size, vamvs::core::Size::new(80, 60));
-    assert!(settings.contains("max-size = 160") && settings.contains("network-size = 640"), "{settings}");
+    assert!(settings.contains("max-size = 160") && settings.contains("network-size = 800"), "{settings}");
     // The stored settings give the same again, unless another quality is asked for.
     let kept = scene.path("kept.toml");
     crate::scene::write(&kept, &settings);

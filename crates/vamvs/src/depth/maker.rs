@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use rayon::prelude::*;
+use vamvs_core::depth_range::RangeOrigin;
 use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthMap, Grid, Photo, Planes, Rgb};
+use vamvs_core::{DepthMap, DepthRange, Grid, Photo, Planes, Rgb};
 use vamvs_io::image;
 use vamvs_refine::{RefineOptions, Refined};
 
@@ -188,11 +189,7 @@ impl<'a> Maker<'a> {
         on_event: &mut OnEvent<'_>,
     ) -> Result<Made, VamvsError> {
         self.features.keep_only(&[&[view], &plan.sources[..]].concat());
-        let Found { reference, used, maps, visibility, region } = self.find(view, plan, on_event)?;
-        if plan.region.is_none() {
-            let name = &self.work.scene.views[view].name;
-            maps.iter().try_for_each(|map| warn_of_range_ends(name, map, &plan.planes, on_event))?;
-        }
+        let Found { reference, used, maps, visibility, region } = self.find_in_range(view, plan, on_event)?;
         let mut maps: Vec<MadeMap> =
             maps.into_iter().map(|map| MadeMap::new(map, &reference.photo)).collect();
         if let (Some(refinement), Some(finest)) = (&mut self.refinement, maps.last_mut()) {
@@ -207,6 +204,59 @@ impl<'a> Maker<'a> {
         }
         let network_size = self.features.photographs.max_size();
         Ok(Made { maps, visibility, plan: self.usable(plan), network_size })
+    }
+
+    /// A view's depth maps by the method alone. Where depths crowd at an end of a range that was estimated, they are made again with a
+    /// wider one, once.
+    fn find_in_range(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Found, VamvsError> {
+        let found = self.find(view, plan, on_event)?;
+        let name = &self.work.scene.views[view].name;
+        let crowded = |found: &Found, planes: &Planes| {
+            found
+                .maps
+                .last()
+                .filter(|_| plan.region.is_none())
+                .map_or([None; 2], |map| crowded_ends(map, planes))
+        };
+        let ends = crowded(&found, &plan.planes);
+        let is_estimated = matches!(plan.origin, Some(RangeOrigin::Points | RangeOrigin::Geometry));
+        if !is_estimated || plan.foveated || ends == [None; 2] {
+            warn_of_ends(name, ends, plan.planes.range)
+                .map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
+            return Ok(found);
+        }
+        let range = plan.planes.range.widened(ends.map(|end| end.is_some()));
+        let options = &self.work.options;
+        let planes = match options.planes {
+            Some(_) => Planes { range, ..plan.planes },
+            None => plan.planes.for_range(range, options.max_planes),
+        };
+        let shares = ends.map(|share| 100.0 * share.unwrap_or(0.0));
+        tell(
+            on_event,
+            Event::Warning(format!(
+                "{name}: {:.0} and {:.0} % of the depths are at the near and the far end of the range from {}, {:.4} to {:.4}: it is made \
+             again with {:.4} to {:.4}",
+                shares[0],
+                shares[1],
+                plan.origin.expect("an estimated range has an origin"),
+                plan.planes.range.near,
+                plan.planes.range.far,
+                range.near,
+                range.far
+            )),
+        )?;
+        drop(found);
+        let wider = ViewPlan { planes, ..plan.clone() };
+        let found = self.find(view, &wider, on_event)?;
+        let ends = crowded(&found, &wider.planes);
+        warn_of_ends(name, ends, range).map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
+        Ok(found)
     }
 
     /// A view's depth maps by the method alone. A small photograph that would be enlarged is seen as it is too; of the
@@ -323,30 +373,29 @@ fn refined_map((refined, photo): (Refined, Rc<Photo>)) -> MadeMap {
     MadeMap { colour: image::resize(&photo.image, map.depth.size()), normals: Some(normals), map }
 }
 
-fn warn_of_range_ends(
-    name: &str,
-    map: &DepthMap,
-    planes: &Planes,
-    on_event: &mut OnEvent<'_>,
-) -> Result<(), VamvsError> {
+/// The share of the confident depths at each end of the range, near and far, if many are there.
+fn crowded_ends(map: &DepthMap, planes: &Planes) -> [Option<f64>; 2] {
     let last = (planes.count - 1) as f64;
     let confident =
         map.depth.data().iter().zip(map.confidence.data()).filter(|(d, c)| **d > 0.0 && **c > 0.5);
-    let (mut total, mut near, mut far) = (0_usize, 0_usize, 0_usize);
+    let (mut total, mut ends) = (0_usize, [0_usize; 2]);
     for (depth, _) in confident {
         let share = planes.coordinate(f64::from(*depth)) / last;
         total += 1;
-        near += usize::from(share < END_SHARE);
-        far += usize::from(share > 1.0 - END_SHARE);
+        ends[0] += usize::from(share < END_SHARE);
+        ends[1] += usize::from(share > 1.0 - END_SHARE);
     }
-    for (count, end, value) in [(near, "near", planes.range.near), (far, "far", planes.range.far)] {
-        if count as f64 > MANY_AT_END * total as f64 && total > 0 {
-            let share = 100.0 * count as f64 / total as f64;
-            let text = format!(
-                "{name}: {share:.0} % of the depths are at the {end} end ({value:.4}) of the range, which may be too narrow (--depth-range)"
-            );
-            tell(on_event, Event::Warning(text))?;
-        }
-    }
-    Ok(())
+    ends.map(|count| Some(count as f64 / total as f64).filter(|share| *share > MANY_AT_END))
+}
+
+/// A warning that a depth range may be too narrow.
+fn warn_of_ends(name: &str, ends: [Option<f64>; 2], range: DepthRange) -> Option<String> {
+    let of = |(share, end, value): (Option<f64>, &str, f64)| {
+        Some(format!("{:.0} % of the depths are at the {end} end ({value:.4})", 100.0 * share?))
+    };
+    let found: Vec<String> =
+        [(ends[0], "near", range.near), (ends[1], "far", range.far)].into_iter().filter_map(of).collect();
+    (!found.is_empty()).then(|| {
+        format!("{name}: {} of the range, which may be too narrow (--depth-range)", found.join(" and "))
+    })
 }
