@@ -146,7 +146,7 @@ impl<'a> Sweep<'a> {
         let sources: Vec<_> = sources.iter().map(|source| self.source(source)).collect();
         let [_, height, width] = self.reference.features.sides();
         Map::by_rows([self.count(), height, width], GROUPS, |row, to| {
-            weigh_row(self, &sources, masks, row, to)
+            weigh_row(self, &sources, masks, row, to);
         })
     }
 }

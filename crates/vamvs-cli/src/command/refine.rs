@@ -81,16 +81,16 @@ impl Photographed {
             progress.say(&format!("photographs of the depth maps' names, in {}", images.display()));
             let masks = settings.input.masks(&Masks::None)?;
             let scene = maps.scene().clone();
-            return Ok(Self::of(scene, Photographs::new(&images, masks, &options), &options, progress));
+            return Ok(Self::of(scene, &Photographs::new(&images, masks, &options), &options, progress));
         }
         let loaded = settings.input.scene()?.load()?;
         loaded.warnings.iter().for_each(|warning| progress.warn(warning));
         let masks = settings.input.masks(&loaded.masks)?;
         let photographs = Photographs::new(&loaded.images, masks, &options);
-        Ok(Self::of(loaded.scene, photographs, &options, progress))
+        Ok(Self::of(loaded.scene, &photographs, &options, progress))
     }
 
-    fn of(scene: Scene, photographs: Photographs, options: &DepthOptions, progress: &Progress) -> Self {
+    fn of(scene: Scene, photographs: &Photographs, options: &DepthOptions, progress: &Progress) -> Self {
         let (photographs, note) = photographs.full().stretched(&scene.views, options);
         note.iter().for_each(|note| progress.warn(note));
         Self { scene, photographs }
