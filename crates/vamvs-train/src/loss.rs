@@ -91,8 +91,7 @@ fn near_loss(stage: &StageOutput) -> Result<Option<Tensor>, TchError> {
     loss.map(|loss| loss.f_div_scalar(stage.step)).transpose()
 }
 
-/// The expected error of a coarse pixel's depth, drawn by its share, at most `ANOTHER_SURFACE`, over the pixels with known ground
-/// truth.
+/// The expected error of a coarse pixel's depth, drawn by its share, at most `ANOTHER_SURFACE`, over the pixels whose depth is known.
 fn parents_loss(parents: &Parents, ground_truth: &Tensor) -> Result<Option<Tensor>, TchError> {
     let known = ground_truth.f_isnan()?.f_logical_not()?;
     if known.f_sum(Kind::Int64)?.int64_value(&[]) == 0 {

@@ -4,7 +4,7 @@ use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Pinhole, Size};
 
 /// Pixels around a region of interest that are computed too, so that its border has neighbours.
-const REGION_MARGIN: usize = 32;
+const REGION_MARGIN: usize = 64;
 
 /// The region with a margin, inside the image.
 pub fn widened(region: PixelBox, size: Size) -> PixelBox {
