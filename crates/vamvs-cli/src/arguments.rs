@@ -307,7 +307,7 @@ pub struct DepthFlags {
     #[arg(long, value_name = "PIXELS")]
     pub max_size: Option<usize>,
     /// The network, or the plane sweep without one, sees larger photographs reduced to this longer side, pixels. vis-corr
-    /// sees smaller ones also enlarged to it, at most twice, and what it is surer of is refined [default: 1536].
+    /// sees smaller ones enlarged to it, at most twice [default: 1536].
     #[arg(long, value_name = "PIXELS")]
     pub network_size: Option<usize>,
     /// Write the depth maps that refinement would start from, smaller than their photographs and without normals.

@@ -170,6 +170,17 @@ impl Method {
         }
     }
 
+    /// Whether it sees a small photograph both enlarged and as it is, and is asked which of them it is surer of. A cascade sees each
+    /// photograph at half its size too.
+    pub(crate) fn compares_sizes(&self) -> bool {
+        match self {
+            #[cfg(feature = "torch")]
+            Self::Network(network) => !network.is_cascade(),
+            Self::VisCorr(_) => false,
+            Self::PlaneSweep => true,
+        }
+    }
+
     /// How far beyond the surfaces of its depth maps refinement searches ([`vamvs_refine::RefineOptions::beyond`]).
     pub(crate) fn beyond(&self) -> f32 {
         match self {

@@ -259,8 +259,8 @@ impl<'a> Maker<'a> {
         Ok(found)
     }
 
-    /// A view's depth maps by the method alone. A small photograph that would be enlarged is seen as it is too; of the
-    /// depth maps those stay that the method is surer of. Sharp photographs have more to find when they are enlarged, in
+    /// A view's depth maps by the method alone. A small photograph that would be enlarged is seen as it is too, by methods to which
+    /// that makes a difference; of the depth maps those stay that the method is surer of. Sharp photographs have more to find when they are enlarged, in
     /// noisy ones a surface without texture is smaller, and more is seen of it, as they are.
     fn find(
         &mut self,
@@ -270,7 +270,7 @@ impl<'a> Maker<'a> {
     ) -> Result<Found, VamvsError> {
         let planned = self.find_in(Seen::Planned, view, plan, on_event)?;
         let enlarged_by = self.features.photographs.enlarged_by(&self.work.scene.views[view].camera);
-        if enlarged_by <= 1.0 {
+        if enlarged_by <= 1.0 || !self.work.method.compares_sizes() {
             return Ok(planned);
         }
         let mut smaller = plan.clone();

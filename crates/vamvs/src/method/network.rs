@@ -75,6 +75,10 @@ impl NetworkMethod {
         self.estimator.network().manifest().aggregation.correlates()
     }
 
+    pub(super) fn is_cascade(&self) -> bool {
+        self.estimator.network().manifest().cascade.is_some()
+    }
+
     pub(super) fn plane_step(&self) -> f64 {
         self.estimator.network().manifest().plane_step
     }
