@@ -124,7 +124,7 @@ fn a_region_gives_the_depth_of_the_whole_there() {
     let planes = planes(&views[1], 48);
     // A learned network looks further around a pixel than the margin that a region has.
     for (name, stride, margin, tolerance, share) in
-        [("weights/photometric", 2, 16, 0.005, 0.98), ("weights/vis-corr", 4, 32, 0.01, 0.9)]
+        [("weights/photometric", 2, 16, 0.005, 0.98), ("weights/vis-corr", 4, 32, 0.01, 0.85)]
     {
         let estimator = estimator(name);
         let encode = |view: &Rendered| estimator.network().encode(&view.photo).unwrap();
