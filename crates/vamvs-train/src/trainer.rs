@@ -50,7 +50,8 @@ pub fn train(
     events: &mut dyn FnMut(&TrainEvent),
 ) -> Result<Network, TrainError> {
     job.options.check()?;
-    let trains_flow = job.options.flow_alone || job.options.iterations.as_ref().is_some_and(|all| !all.is_empty());
+    let trains_flow =
+        job.options.flow_alone || job.options.iterations.as_ref().is_some_and(|all| !all.is_empty());
     if trains_flow && network.manifest().cascade.is_some() {
         let name = if job.options.flow_alone { "flow-alone" } else { "iterations" };
         return Err(TrainError::option(name, "a network with a flow", &"a cascade, which has none"));

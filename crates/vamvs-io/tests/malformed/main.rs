@@ -138,7 +138,8 @@ fn a_photograph_without_header_does_not_end_a_scene() {
             assert_eq!(loaded.scene, whole.scene);
             let [a, b] = &loaded.scene.views[..] else { panic!("two views") };
             assert!(image::load_for_camera(&loaded.images.join(&a.name), &a.camera, |_| 1, None).is_ok());
-            let error = image::load_for_camera(&loaded.images.join(&b.name), &b.camera, |_| 1, None).unwrap_err();
+            let error =
+                image::load_for_camera(&loaded.images.join(&b.name), &b.camera, |_| 1, None).unwrap_err();
             assert!(error.to_string().contains("b.png"), "{error}");
         }
     }
