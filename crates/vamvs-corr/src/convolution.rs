@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::lanes::Lanes;
 use crate::map::{Map, Row};
-use crate::wide::{Widest, widened, widest};
+use crate::wide::{Widest, widest};
 
 /// The weights of a convolution as PyTorch has them: (outputs, inputs, kz, ky, kx), of a transposed one
 /// (inputs, outputs, kz, ky, kx).
@@ -37,7 +37,7 @@ pub struct Moves {
 
 impl Kernel {
     /// The weight of one output, one input and one place of the kernel.
-    fn at(&self, output: usize, input: usize, [z, y, x]: [usize; 3]) -> f32 {
+    pub fn at(&self, output: usize, input: usize, [z, y, x]: [usize; 3]) -> f32 {
         let [_, height, width] = self.sides;
         self.weights[((output * self.inputs + input) * self.sides[0] + z) * height * width + y * width + x]
     }
@@ -338,96 +338,12 @@ fn accumulate<const P: usize, V: Lanes>(
     sums
 }
 
-/// A convolution of stride 1 to one channel. Its products are summed over lanes of input channels.
-#[derive(Clone, Debug)]
-pub struct ToOne {
-    inputs: usize,
-    padding: [usize; 3],
-    sides: [usize; 3],
-    /// (kz, ky, kx, inputs)
-    weights: Vec<f32>,
-    shift: f32,
-}
-
-/// Lanes of [`ToOne`].
-const LANES: usize = 8;
-
-impl ToOne {
-    pub fn new(kernel: &Kernel, padding: [usize; 3]) -> Self {
-        let Kernel { outputs, inputs, sides, .. } = *kernel;
-        assert!(outputs == 1 && inputs % LANES == 0, "one channel from multiples of {LANES}");
-        let [depth, height, width] = sides;
-        let mut weights = Vec::with_capacity(kernel.weights.len());
-        for (z, y) in (0..depth).flat_map(|z| (0..height).map(move |y| (z, y))) {
-            weights.extend((0..width).flat_map(|x| (0..inputs).map(move |c| kernel.at(0, c, [z, y, x]))));
-        }
-        Self { inputs, padding, sides, weights, shift: kernel.shift.first().copied().unwrap_or(0.0) }
-    }
-
-    /// The output's rows of some planes, each of which is given to `finish`. There is nothing outside of the planes of the input,
-    /// which are numbered from `first` on.
-    pub fn run_planes(
-        &self,
-        input: &Map,
-        first: usize,
-        planes: Range<usize>,
-        finish: impl Fn(Row, &mut [f32]) + Sync,
-    ) -> Vec<f32> {
-        assert_eq!(input.channels, self.inputs, "a convolution takes {} channels", self.inputs);
-        let mut out = vec![0.0; planes.len() * input.height * input.width];
-        out.par_chunks_mut(input.width).enumerate().for_each(|(at, values)| {
-            let row = Row { z: planes.start + at / input.height, y: at % input.height };
-            run_row_to_one(self, input, first, row, values);
-            finish(row, values);
-        });
-        out
-    }
-
-    /// The whole output.
-    pub fn run(&self, input: &Map, finish: impl Fn(Row, &mut [f32]) + Sync) -> Vec<f32> {
-        self.run_planes(input, 0, 0..input.planes, finish)
-    }
-}
-
-#[inline(always)]
-fn row_to_one(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]) {
-    let [depth, height, width] = layer.sides;
-    let line = width * layer.inputs;
-    for (x, out) in out.iter_mut().enumerate() {
-        let mut sums = [0.0_f32; LANES];
-        for (kz, ky) in (0..depth).flat_map(|z| (0..height).map(move |y| (z, y))) {
-            let z = (row.z + kz) as isize - (layer.padding[0] + first) as isize;
-            let y = (row.y + ky) as isize - layer.padding[1] as isize;
-            if z < 0 || y < 0 || z >= input.planes as isize || y >= input.height as isize {
-                continue;
-            }
-            let begin = x as isize - layer.padding[2] as isize;
-            let low = begin.max(0);
-            let high = (begin + width as isize).min(input.width as isize);
-            let weights = &layer.weights[(kz * height + ky) * line..][..line];
-            let weights =
-                &weights[(low - begin) as usize * layer.inputs..(high - begin) as usize * layer.inputs];
-            let values = &input.row(Row { z: z as usize, y: y as usize })[low as usize * layer.inputs..];
-            let (weights, values) = (weights.as_chunks::<LANES>().0, values.as_chunks::<LANES>().0);
-            for (weights, values) in weights.iter().zip(values) {
-                for lane in 0..LANES {
-                    sums[lane] = values[lane].mul_add(weights[lane], sums[lane]);
-                }
-            }
-        }
-        let [a, b, c, d, e, f, g, h] = sums;
-        *out = layer.shift + (((a + e) + (c + g)) + ((b + f) + (d + h)));
-    }
-}
-
-widened!(row_to_one => run_row_to_one(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]));
-
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
 
     /// Numbers without pattern, from -1 to 1.
-    pub(crate) fn numbers(count: usize, seed: u32) -> Vec<f32> {
+    pub fn numbers(count: usize, seed: u32) -> Vec<f32> {
         let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(12345);
         let mut next = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -436,31 +352,31 @@ mod tests {
         (0..count).map(|_| next()).collect()
     }
 
-    fn kernel(outputs: usize, inputs: usize, sides: [usize; 3]) -> Kernel {
+    pub fn kernel(outputs: usize, inputs: usize, sides: [usize; 3]) -> Kernel {
         let places: usize = sides.iter().product();
         let weights = numbers(outputs * inputs * places, 7);
         Kernel { outputs, inputs, sides, weights, shift: numbers(outputs, 9) }
     }
 
-    fn map(sides: [usize; 3], channels: usize) -> Map {
+    pub fn map(sides: [usize; 3], channels: usize) -> Map {
         let count = sides.iter().product::<usize>() * channels;
         Map { values: numbers(count, 3), ..Map::new(sides, channels) }
     }
 
     /// A value of a map, or zero outside of it.
-    fn value(map: &Map, place: [isize; 3], channel: usize) -> f64 {
+    pub fn value(map: &Map, place: [isize; 3], channel: usize) -> f64 {
         let inside = place.iter().zip(map.sides()).all(|(&at, side)| at >= 0 && at < side as isize);
         let [z, y, x] = place.map(|at| at as usize);
         if inside { f64::from(map.row(Row { z, y })[x * map.channels + channel]) } else { 0.0 }
     }
 
-    fn places(sides: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+    pub fn places(sides: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
         let [depth, height, width] = sides;
         (0..depth * height * width).map(move |at| [at / width / height, at / width % height, at % width])
     }
 
     /// By the definition, one output at a time.
-    fn defined(kernel: &Kernel, moves: Moves, input: &Map, place: [usize; 3], output: usize) -> f64 {
+    pub fn defined(kernel: &Kernel, moves: Moves, input: &Map, place: [usize; 3], output: usize) -> f64 {
         let mut sum = f64::from(kernel.shift[output]);
         for at in places(kernel.sides) {
             let from: [isize; 3] = std::array::from_fn(|axis| {
@@ -530,22 +446,6 @@ mod tests {
                 assert!((f64::from(*found) - expected).abs() < 1e-4, "{at}: {found} is not {expected}");
             }
         }
-    }
-
-    #[test]
-    fn one_channel_is_summed_as_defined_also_plane_by_plane() {
-        let kernel = kernel(1, 16, [3, 3, 3]);
-        let moves = Moves { stride: 1, padding: [1, 1, 1], dilation: 1 };
-        let input = map([5, 4, 9], 16);
-        let layer = ToOne::new(&kernel, moves.padding);
-        let whole = layer.run(&input, |_, _| ());
-        for (place, found) in places(input.sides()).zip(&whole) {
-            let expected = defined(&kernel, moves, &input, place, 0);
-            assert!((f64::from(*found) - expected).abs() < 1e-4, "{place:?}: {found} is not {expected}");
-        }
-        let plane = 4 * 9 * 16;
-        let part = Map { planes: 3, values: input.values[2 * plane..].to_vec(), ..input };
-        assert_eq!(layer.run_planes(&part, 2, 3..5, |_, _| ()), whole[3 * 4 * 9..]);
     }
 
     #[test]

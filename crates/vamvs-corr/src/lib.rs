@@ -8,17 +8,22 @@
 //! Results are the same bit for bit for any number of threads and on any instruction set.
 
 mod convolution;
+mod enlarge;
 pub mod error;
 mod lanes;
 mod map;
 pub mod network;
 mod plane_map;
 mod pyramid;
+mod surface;
 mod sweep;
+mod to_one;
+pub mod view;
 mod volume_net;
 pub mod weights;
 mod wide;
 
 pub use error::CorrError;
-pub use network::{EncodedView, Estimate, Network, Stage};
+pub use network::{Estimate, Network, Stage};
+pub use view::EncodedView;
 pub use weights::Manifest;

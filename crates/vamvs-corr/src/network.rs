@@ -1,30 +1,24 @@
 //! The network: photographs in, a depth map out.
 
 use rayon::prelude::*;
-use vamvs_core::roi::PixelBox;
-use vamvs_core::{DepthMap, Grid, MonotoneMap, Photo, Pinhole, Planes, Pose, Size};
+use vamvs_core::{DepthMap, Grid, MonotoneMap, Photo, Pinhole, Planes, Size};
 
 use crate::CorrError;
-use crate::convolution::{Convolution, ToOne};
-use crate::map::{Map, Row};
-use crate::plane_map::{PlaneMap, enlarged_depth, row_near};
-use crate::pyramid::{self, BLOCK, CHANNELS, Pyramid, STRIDE, positive};
+use crate::convolution::Convolution;
+use crate::enlarge::Enlarge;
+use crate::map::Map;
+use crate::plane_map::{PlaneMap, enlarged_depth};
+use crate::pyramid::{BLOCK, CHANNELS, Pyramid, STRIDE, positive};
+use crate::surface::Surface;
 use crate::sweep::{GROUPS, Placed, PlaneDepth, Sweep};
+use crate::to_one::ToOne;
+use crate::view::EncodedView;
 use crate::volume_net::VolumeNet;
 use crate::weights::{Cascade, Manifest, Shape, Weights};
-use crate::wide::{add, exp, relu, sigmoid};
-
-/// Least side of a photograph, pixels.
-const LEAST_SIDE: usize = 32;
+use crate::wide::sigmoid;
 
 /// Pixels that are less likely than this to show a surface have no depth.
 const LEAST_SURFACE: f32 = 0.5;
-
-/// Planes between two depths beyond which they are just different.
-const REACH: f32 = 4.0;
-
-/// Channels of what the volumes tell of a surface.
-const EVIDENCE: usize = 6;
 
 /// The network.
 #[derive(Debug)]
@@ -36,34 +30,6 @@ pub struct Network {
     fine: VolumeNet,
     enlarge: Enlarge,
     surface: Surface,
-}
-
-/// Which of the nine coarse pixels around a pixel is of the same surface (as in RAFT, Teed and Deng, ECCV 2020).
-#[derive(Debug)]
-struct Enlarge {
-    look: Convolution,
-    weigh: Convolution,
-    choose: Convolution,
-}
-
-/// How likely a pixel shows a surface inside the depth range, and not sky or what lies beyond.
-#[derive(Debug)]
-struct Surface {
-    look: Convolution,
-    weigh: Convolution,
-    wide: Convolution,
-    judge: ToOne,
-}
-
-/// A photograph with its features: as it is, and at half its size.
-#[derive(Clone, Debug)]
-pub struct EncodedView {
-    camera: Pinhole,
-    cam_from_world: Pose,
-    /// The photograph's size with its padding.
-    padded: Size,
-    fine: Map,
-    coarse: Map,
 }
 
 /// A depth map, and what else the network tells.
@@ -103,17 +69,8 @@ impl Network {
             seen: (seen, weights.to_one("seen.2", image(16, 1, 1), true)?),
             coarse: VolumeNet::new(&weights, "volume")?,
             fine: VolumeNet::new(&weights, "fine")?,
-            enlarge: Enlarge {
-                look: weights.bare("enlarge_net.look", image(CHANNELS, 16, 3), true)?,
-                weigh: weights.bare("enlarge_net.weigh", image(16 + 3 * 9, 32, 1), true)?,
-                choose: weights.bare("enlarge_net.choose", image(32, 9, 1), true)?,
-            },
-            surface: Surface {
-                look: weights.bare("surface_net.look", image(CHANNELS, 16, 3), true)?,
-                weigh: weights.bare("surface_net.weigh", image(16 + EVIDENCE, 16, 3), true)?,
-                wide: weights.dilated("surface_net.wide", image(16, 16, 3))?,
-                judge: weights.to_one("surface_net.judge", image(16, 1, 1), true)?,
-            },
+            enlarge: Enlarge::new(&weights)?,
+            surface: Surface::new(&weights)?,
             manifest,
         })
     }
@@ -135,18 +92,7 @@ impl Network {
     /// # Errors
     /// If it is smaller than 32×32 pixels.
     pub fn encode(&self, photo: &Photo) -> Result<EncodedView, CorrError> {
-        let size = photo.camera.size;
-        if size.width < LEAST_SIDE || size.height < LEAST_SIDE {
-            let problem = format!("a photograph of {size} pixels is too small: expected at least 32×32");
-            return Err(CorrError::Request(problem));
-        }
-        let image = pyramid::image(&photo.image);
-        let half = image.halved();
-        let sides = [1, half.height / STRIDE, half.width / STRIDE];
-        let coarse = self.pyramid.features(&half.padded([1, BLOCK, BLOCK])).sized(sides).into_owned();
-        let padded = Size::new(image.width, image.height);
-        let (camera, cam_from_world) = (photo.camera, photo.cam_from_world);
-        Ok(EncodedView { camera, cam_from_world, padded, fine: self.pyramid.features(&image), coarse })
+        EncodedView::new(&self.pyramid, photo)
     }
 
     /// The depth map of a reference view from source views on planes. `time` runs what it is given and may measure it.
@@ -169,9 +115,9 @@ impl Network {
         let (coarse, masks) = self.coarse(reference, sources, planes, time);
         let around = {
             let u = coarse.as_image(&coarse.u);
-            enlarged_depth(&u, &self.enlarge.shares(&u, &reference.coarse, &reference.fine))
+            enlarged_depth(&u, &self.enlarge.shares(&u, reference.coarse(), reference.fine()))
         };
-        let [_, height, width] = reference.fine.sides();
+        let [_, height, width] = reference.fine().sides();
         let enlarged = |values: &[f32]| coarse.as_image(values).enlarged([1, height, width]).values;
         let masks: Vec<Vec<f32>> = masks.iter().map(|mask| enlarged(mask)).collect();
         let Cascade { planes: count, step } = self.manifest.cascade;
@@ -182,7 +128,7 @@ impl Network {
         let correlation = strongest(&volume);
         let mut fine = None;
         time(Stage::Regularize, &mut || {
-            let costs = self.fine.costs(&volume, &reference.fine);
+            let costs = self.fine.costs(&volume, reference.fine());
             fine = Some(PlaneMap::of(&costs, (width, height), self.manifest.window));
         });
         let mut fine = fine.expect("the closure has run");
@@ -198,7 +144,7 @@ impl Network {
             let confidence = fine.confidence[at];
             [coarse_confidence[at], spread[at], confidence, correlation[at], mean_mask(at), fine.u[at] / last]
         };
-        let surface = self.surface.probability(evidence, &reference.fine);
+        let surface = self.surface.probability(evidence, reference.fine());
         Ok(self.kept(reference, planes, &Stages { fine, coarse_confidence, surface, masks }))
     }
 
@@ -220,7 +166,7 @@ impl Network {
         let mut map = None;
         time(Stage::Regularize, &mut || {
             let size = (volume.width, volume.height);
-            let costs = self.coarse.costs(&volume, &reference.coarse);
+            let costs = self.coarse.costs(&volume, reference.coarse());
             map = Some(PlaneMap::of(&costs, size, self.manifest.window));
         });
         (map.expect("the closure has run"), masks)
@@ -237,7 +183,7 @@ impl Network {
     /// none, there is no depth.
     fn kept(&self, reference: &EncodedView, planes: &Planes, stages: &Stages) -> Estimate {
         let Stages { fine, coarse_confidence, surface, masks } = stages;
-        let full = reference.camera.size;
+        let full = reference.camera().size;
         let size = Size::new(full.width / STRIDE, full.height / STRIDE);
         let grid = |values: &[f32]| Grid::from_fn(size, |x, y| values[y * fine.width + x]);
         let depth_of = PlaneDepth::new(planes);
@@ -261,8 +207,8 @@ impl Network {
         let ratio = 1.0 / STRIDE as f64;
         Estimate {
             map: DepthMap {
-                camera: Pinhole { size, intrinsics: reference.camera.intrinsics.scaled(ratio, ratio) },
-                cam_from_world: reference.cam_from_world,
+                camera: Pinhole { size, intrinsics: reference.camera().intrinsics.scaled(ratio, ratio) },
+                cam_from_world: reference.cam_from_world(),
                 depth,
                 confidence,
                 coarse_confidence: Some(coarse_confidence),
@@ -316,142 +262,13 @@ fn strongest(volume: &Map) -> Vec<f32> {
         .collect()
 }
 
-impl Enlarge {
-    /// Shares of the 3×3 coarse pixels around each pixel, rows first, an image with nine channels: from the coarse depth in plane
-    /// coordinates and the features of the reference view at both resolutions.
-    fn shares(&self, u: &Map, coarse: &Map, fine: &Map) -> Map {
-        const INPUTS: usize = 16 + 3 * 9;
-        let looked = self.look.run(fine, positive);
-        let (coarse_lengths, fine_lengths) = (lengths(coarse), lengths(fine));
-        let bilinear = [0, 1].map(|y| [0, 1].map(|x| bilinear(x, y)));
-        let inputs = Map::by_rows(fine.sides(), INPUTS, |Row { y, .. }, to| {
-            let pixels = to.as_chunks_mut::<INPUTS>().0;
-            for (x, to) in pixels.iter_mut().enumerate() {
-                to[..16].copy_from_slice(&looked.line(y)[x * 16..][..16]);
-                let own = &fine.line(y)[x * CHANNELS..][..CHANNELS];
-                let middle = u.line(y / 2)[x / 2];
-                for k in 0..9 {
-                    let (row, column) = (row_near(y / 2, k / 3, u.height), row_near(x / 2, k % 3, u.width));
-                    let other = &coarse.line(row)[column * CHANNELS..][..CHANNELS];
-                    let product = dot(own, other);
-                    let length =
-                        fine_lengths[y * fine.width + x] * coarse_lengths[row * coarse.width + column];
-                    to[16 + k] = (u.line(row)[column] - middle).clamp(-REACH, REACH) / REACH;
-                    to[16 + 9 + k] = product / length;
-                    to[16 + 18 + k] = bilinear[y % 2][x % 2][k];
-                }
-            }
-        });
-        let weighed = self.weigh.run(&inputs, positive);
-        self.choose.run(&weighed, |Row { y, .. }, values| {
-            for (x, shares) in values.as_chunks_mut::<9>().0.iter_mut().enumerate() {
-                add(shares, &bilinear[y % 2][x % 2]);
-                let largest = shares.iter().fold(f32::NEG_INFINITY, |largest, value| largest.max(*value));
-                shares.iter_mut().for_each(|value| *value = exp(*value - largest));
-                let sum: f32 = shares.iter().sum();
-                shares.iter_mut().for_each(|value| *value /= sum);
-            }
-        })
-    }
-}
-
-/// The logarithms of the shares of bilinear interpolation, plus a hundredth, of the pixel (x, y) of a block of two by two.
-fn bilinear(x: usize, y: usize) -> [f32; 9] {
-    const SIDES: [[f32; 3]; 2] = [[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]];
-    std::array::from_fn(|k| (SIDES[y][k / 3] * SIDES[x][k % 3] + 0.01).ln())
-}
-
-/// The length of each pixel's features, at least 1e-12.
-fn lengths(map: &Map) -> Vec<f32> {
-    let length = |pixel: &[f32]| dot(pixel, pixel).sqrt().max(1e-12);
-    map.values.par_chunks(CHANNELS).map(length).collect()
-}
-
-/// The sum of the products of a pixel's features with another's.
-#[inline(always)]
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0.0_f32; GROUPS];
-    for (a, b) in a.as_chunks::<GROUPS>().0.iter().zip(b.as_chunks::<GROUPS>().0) {
-        for lane in 0..GROUPS {
-            sums[lane] += a[lane] * b[lane];
-        }
-    }
-    sums.iter().sum()
-}
-
-impl Surface {
-    /// The probability for each pixel, (h, w), from what the volumes tell of it and the features of the reference view.
-    fn probability(&self, evidence: impl Fn(usize) -> [f32; EVIDENCE] + Sync, reference: &Map) -> Vec<f32> {
-        const INPUTS: usize = 16 + EVIDENCE;
-        let looked = self.look.run(reference, positive);
-        let inputs = Map::by_rows(reference.sides(), INPUTS, |Row { y, .. }, to| {
-            for (x, to) in to.as_chunks_mut::<INPUTS>().0.iter_mut().enumerate() {
-                to[..16].copy_from_slice(&looked.line(y)[x * 16..][..16]);
-                to[16..].copy_from_slice(&evidence(y * reference.width + x));
-            }
-        });
-        let weighed = self.weigh.run(&inputs, positive);
-        let judged = self.wide.run(&weighed, |row, values| {
-            relu(values);
-            add(values, weighed.row(row));
-        });
-        self.judge.run(&judged, |_, values| values.iter_mut().for_each(|value| *value = sigmoid(*value)))
-    }
-}
-
-impl EncodedView {
-    fn at_full(&self) -> Placed<'_> {
-        self.placed(&self.fine)
-    }
-
-    fn at_half(&self) -> Placed<'_> {
-        self.placed(&self.coarse)
-    }
-
-    fn placed<'a>(&'a self, features: &'a Map) -> Placed<'a> {
-        let Self { camera, cam_from_world, padded, .. } = *self;
-        Placed { features, camera, cam_from_world, padded }
-    }
-
-    /// The memory of the features, bytes.
-    #[must_use]
-    pub fn bytes(&self) -> usize {
-        (self.fine.values.len() + self.coarse.values.len()) * size_of::<f32>()
-    }
-
-    /// The part of the view inside `region`, extended outwards to multiples of 8 pixels, and the box of that part, both in pixels of
-    /// the photograph.
-    ///
-    /// # Errors
-    /// If the region is empty or outside of the image.
-    pub fn cropped(&self, region: &PixelBox) -> Result<(Self, PixelBox), CorrError> {
-        let outer = PixelBox {
-            x0: region.x0 / BLOCK * BLOCK,
-            y0: region.y0 / BLOCK * BLOCK,
-            x1: region.x1.next_multiple_of(BLOCK).min(self.padded.width),
-            y1: region.y1.next_multiple_of(BLOCK).min(self.padded.height),
-        };
-        if outer.x0 >= outer.x1 || outer.y0 >= outer.y1 {
-            let problem = format!("the region {region:?} is empty or outside the {} image", self.camera.size);
-            return Err(CorrError::Request(problem));
-        }
-        let padded = Size::new(outer.x1 - outer.x0, outer.y1 - outer.y0);
-        let part = |map: &Map, stride: usize| {
-            map.part((outer.x0 / stride, outer.y0 / stride), (padded.width / stride, padded.height / stride))
-        };
-        let Size { width, height } = self.camera.size;
-        let camera =
-            self.camera.cropped(PixelBox { x1: outer.x1.min(width), y1: outer.y1.min(height), ..outer });
-        let (fine, coarse) = (part(&self.fine, STRIDE), part(&self.coarse, 2 * STRIDE));
-        Ok((Self { camera, cam_from_world: self.cam_from_world, padded, fine, coarse }, outer))
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use vamvs_core::roi::PixelBox;
+    use vamvs_core::{DepthRange, Intrinsics, Pose, Spacing};
+
     use super::*;
     use crate::wide::{ALLOWED, Widest};
-    use vamvs_core::{DepthRange, Intrinsics, Spacing};
 
     /// Photographs of a wall with blotches, from cameras side by side.
     fn photos(size: Size, count: usize) -> Vec<Photo> {

@@ -2,9 +2,10 @@
 //! channels are weighed by what the reference photograph shows.
 
 use crate::CorrError;
-use crate::convolution::{Convolution, ToOne};
+use crate::convolution::Convolution;
 use crate::map::{Map, Row};
 use crate::pyramid::{CHANNELS, as_is, positive};
+use crate::to_one::ToOne;
 use crate::weights::{Shape, Weights};
 use crate::wide::{add, multiply, relu, sigmoid};
 

@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 use vamvs_core::MonotoneMap;
 
 use crate::CorrError;
-use crate::convolution::{Convolution, Kernel, Moves, ToOne};
+use crate::convolution::{Convolution, Kernel, Moves};
+use crate::to_one::ToOne;
 
 /// The entry of the file's metadata that describes the network.
 const MANIFEST: &str = "manifest";

@@ -231,10 +231,11 @@ impl<'a> Maker<'a> {
             return Ok(found);
         }
         let range = plan.planes.range.widened(ends.map(|end| end.is_some()));
-        let options = &self.work.options;
-        let planes = match options.planes {
+        // No more planes than the view with most has, for which there is memory.
+        let most = self.work.plan.views.iter().flatten().map(|plan| plan.planes.count).max();
+        let planes = match self.work.options.planes {
             Some(_) => Planes { range, ..plan.planes },
-            None => plan.planes.for_range(range, options.max_planes),
+            None => plan.planes.for_range(range, most.unwrap_or(plan.planes.count)),
         };
         let shares = ends.map(|share| 100.0 * share.unwrap_or(0.0));
         tell(
