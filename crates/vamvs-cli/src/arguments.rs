@@ -209,15 +209,16 @@ impl DepthArguments {
 #[derive(Debug, Args)]
 pub struct FuseArguments {
     /// Folder of depth maps: OUT or OUT/depths of `vamvs depth`; COLMAP's dense workspace, with stereo/ and
-    /// sparse/; or depth_est/ of a network like MVSNet, with cams/ and images/ beside it.
+    /// sparse/; or that of another program, depth_est/, depths/, depth/ or flat, with cams/ and images/ beside it or
+    /// the scene given.
     #[arg(value_name = "DEPTHS")]
     pub depths: PathBuf,
+    /// The cameras and photographs of depth maps that have none beside them.
+    #[command(flatten)]
+    pub input: InputFlags,
     /// The cloud to write [default: OUT/fused.ply; vamvs.ply in the folder of another program].
     #[arg(short, long, value_name = "FILE.ply")]
     pub out: Option<PathBuf>,
-    /// Folder of masks of the images in OUT/images: NAME.png, 0 = ignore.
-    #[arg(long, value_name = "DIR")]
-    pub masks: Option<PathBuf>,
     /// Points only in this box of the world.
     #[arg(long, action = ArgAction::Set, num_args = 6, value_names = ["XMIN", "YMIN", "ZMIN", "XMAX", "YMAX", "ZMAX"], allow_hyphen_values = true)]
     pub roi: Option<Vec<f64>>,
@@ -392,7 +393,8 @@ pub struct ExportFlags {
     /// Also write depth maps in these formats, in depths/.
     #[arg(long, value_enum, value_name = "FORMAT", value_delimiter = ',')]
     pub depth_format: Option<Vec<DepthFormat>>,
-    /// Depth of one grey level of a 16-bit PNG, scene units [default: a round number, written to png-step.txt].
+    /// Depth of one grey level of a 16-bit PNG, scene units, of those that are written and, without png-step.txt beside
+    /// them, of those that are read [default: written: a round number, told in png-step.txt].
     #[arg(long, value_name = "DEPTH")]
     pub png_step: Option<f64>,
 }

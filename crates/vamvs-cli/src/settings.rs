@@ -196,6 +196,8 @@ pub fn depth_range(numbers: Option<&[f64]>) -> Result<Option<vamvs::core::DepthR
     Ok(Some(vamvs::core::DepthRange::try_new(near, far).context("--depth-range")?))
 }
 
+pub use input::{given_scene, masks_of};
+
 mod input {
     use super::*;
     use crate::arguments::InputFlags;
@@ -225,6 +227,21 @@ mod input {
             set(&mut input.depth_line, flags.depth_line);
             set(&mut input.pixel_centre, flags.pixel_centre);
         }
+    }
+
+    /// The scene that flags give by themselves, if they give one.
+    pub fn given_scene(flags: &InputFlags) -> Result<Option<Input>> {
+        let mut settings = Settings::default();
+        settings.apply_input(flags);
+        let is_given = settings.input.given().next().is_some();
+        is_given.then(|| settings.input.scene()).transpose()
+    }
+
+    /// The masks that flags give by themselves.
+    pub fn masks_of(flags: &InputFlags) -> Result<Masks> {
+        let mut settings = Settings::default();
+        settings.apply_input(flags);
+        settings.input.masks(&Masks::None)
     }
 
     impl InputSettings {

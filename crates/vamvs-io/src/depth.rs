@@ -1,5 +1,4 @@
-//! Depth maps, with the format chosen by the extension. `.pfm` and 16-bit grey `.png` are read and written,
-//! `.exr` and `.npy` only written.
+//! Depth maps, with the format chosen by the extension: `.pfm`, 16-bit grey `.png`, `.exr` and `.npy`.
 
 use std::path::Path;
 
@@ -11,22 +10,57 @@ use crate::{IoError, Place, exr, image, npy, pfm};
 /// Largest PNG value that is a depth. 0 and 65535 both mean "no depth".
 const LARGEST: u16 = u16::MAX - 1;
 
+/// The extensions of depth maps, in lower case.
+pub const EXTENSIONS: [&str; 4] = ["pfm", "npy", "exr", "png"];
+
 /// Reads a depth map in scene units; pixels without a depth are 0.
 ///
 /// `png_step` is the depth, in scene units, of one step of a 16-bit PNG (0.001 if the PNG is in
-/// millimetres and the scene in metres). PFM files do not use it.
+/// millimetres and the scene in metres). The other formats do not use it.
 ///
 /// # Errors
-/// If the file cannot be read, or is neither PFM nor a 16-bit grey PNG.
+/// If the file cannot be read, or is not in the format that its extension names.
 pub fn read(path: &Path, png_step: f64) -> Result<Grid<f32>, IoError> {
     match Format::of(path)? {
         Format::Pfm => pfm::read_depth(path),
         Format::Png => read_png(path, png_step),
-        Format::Exr | Format::Npy => {
-            let problem = "expected a depth map in a format that can be read: .pfm or .png";
-            Err(IoError::unsupported(path, Place::Whole, problem))
+        Format::Exr => Ok(valid(exr::read(path)?)),
+        Format::Npy => Ok(valid(npy::read(path)?)),
+    }
+}
+
+/// Reads a confidence map, 0 to 1, whose numbers are not changed. A PNG of 8 or 16 bits has its largest value for 1.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_confidence(path: &Path) -> Result<Grid<f32>, IoError> {
+    match Format::of(path)? {
+        Format::Pfm => pfm::read(path),
+        Format::Exr => exr::read(path),
+        Format::Npy => npy::read(path),
+        Format::Png => {
+            let grey = image::decode(path)?.into_luma16();
+            let size = Size::new(grey.width() as usize, grey.height() as usize);
+            Ok(Grid::from_vec(size, grey.into_raw()).map(|&value| f32::from(value) / f32::from(u16::MAX)))
         }
     }
+}
+
+/// The size of a depth map or confidence map. Of a PFM file the header is read, of others all.
+///
+/// # Errors
+/// As [`read`].
+pub fn stored_size(path: &Path) -> Result<Size, IoError> {
+    match Format::of(path)? {
+        Format::Pfm => pfm::stored_size(path, 1),
+        Format::Png | Format::Exr | Format::Npy => Ok(read_confidence(path)?.size()),
+    }
+}
+
+/// Numbers that are no depths become 0.
+fn valid(mut depth: Grid<f32>) -> Grid<f32> {
+    depth.data_mut().iter_mut().filter(|depth| !depth_map::is_valid(**depth)).for_each(|depth| *depth = 0.0);
+    depth
 }
 
 /// Writes a depth map in scene units.
@@ -150,12 +184,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_formats_give_back_what_they_got() {
+    fn all_formats_give_back_what_they_got() {
         let folder = tempfile::tempdir().unwrap();
         let depth = Grid::from_vec(Size::new(3, 2), vec![0.0, 0.001, 1.5, 2.25, 65.534, 0.0]);
-        for name in ["d.pfm", "d.PNG"] {
+        for name in ["d.pfm", "d.PNG", "d.exr", "d.npy"] {
             let path = folder.path().join(name);
             write(&path, &depth, 0.001).unwrap();
+            assert_eq!(stored_size(&path).unwrap(), depth.size());
             assert_eq!(read(&path, 0.001).unwrap(), depth, "{name}");
         }
     }
@@ -204,7 +239,7 @@ mod tests {
         image::save_png_gray16(&path, &grey).unwrap();
         assert_eq!(read(&path, 2.0).unwrap().data(), [0.0, 0.0, 131_068.0]);
         let invalid = Grid::from_vec(Size::new(4, 1), vec![f32::NAN, f32::INFINITY, -1.0, 4.0]);
-        for name in ["e.pfm", "e.png"] {
+        for name in ["e.pfm", "e.png", "e.exr", "e.npy"] {
             let path = folder.path().join(name);
             write(&path, &invalid, 2.0).unwrap();
             assert_eq!(read(&path, 2.0).unwrap().data(), [0.0, 0.0, 0.0, 4.0]);
@@ -222,9 +257,7 @@ mod tests {
         }
         image::save_png_rgb(&path, &Grid::filled(Size::new(2, 2), [1, 2, 3])).unwrap();
         assert!(read(&path, 1.0).unwrap_err().to_string().contains("Rgb8"));
-        for name in ["d.exr", "d.tif"] {
-            let error = read(&folder.path().join(name), 1.0).unwrap_err().to_string();
-            assert!(error.contains(".pfm"), "{error}");
-        }
+        let error = read(&folder.path().join("d.tif"), 1.0).unwrap_err().to_string();
+        assert!(error.contains(".pfm"), "{error}");
     }
 }

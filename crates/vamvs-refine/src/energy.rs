@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::correlation::correlations;
-use crate::descent::normal;
+use crate::descent::{Normal, normal};
 use crate::geometry::{Geometries, Seen};
 use crate::matcher::{Group, Matcher, Pixel};
 use crate::plane::Plane;
@@ -21,6 +21,29 @@ const STEEPEST: f32 = 1.2;
 ///
 /// A plane that is better in the best views is accepted at once.
 pub(crate) const HOPELESS: f32 = 0.01;
+
+/// A view whose correlation is less than that of the best ones by no more than this tells something of the depth.
+const MATCHING: f32 = 0.3;
+
+/// The sum of the normal equations of several source views.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Equations {
+    pub matrix: Matrix3<f32>,
+    pub vector: Vector3<f32>,
+    /// The views.
+    pub views: Views,
+    /// The mean of their correlations.
+    pub correlation: f32,
+}
+
+impl Equations {
+    fn add(&mut self, view: usize, normal: &Normal) {
+        self.matrix += normal.matrix;
+        self.vector += normal.vector;
+        self.views |= 1 << view;
+        self.correlation += normal.correlation;
+    }
+}
 
 /// The energy of a plane, and the views that match it best.
 #[derive(Clone, Copy, Debug)]
@@ -72,6 +95,13 @@ impl Costs {
         Self { values: [(0.0, Cost::default()); MOST_SOURCES], count }
     }
 
+    /// The mean cost of some views.
+    fn mean_over(&self, views: Views) -> Cost {
+        let mut sum = Cost::default();
+        indices(views).for_each(|view| sum += self.values[view].1);
+        sum.mean(views.count_ones() as usize)
+    }
+
     /// The mean cost of the `most` best views, and the set of these views.
     #[inline]
     fn mean_of_best(&self, most: usize) -> (Cost, Views) {
@@ -114,8 +144,7 @@ impl Pixel<'_> {
                 return Judged::IMPOSSIBLE;
             }
         }
-        let all = ((1_u32 << costs.count) - 1) as Views;
-        self.costs(all & !known, plane, &mut costs);
+        self.costs(self.all() & !known, plane, &mut costs);
         let (Cost { total, correlation }, best) = costs.mean_of_best(self.matcher.options.views);
         Judged { energy: total + prior, correlation, best }
     }
@@ -166,30 +195,45 @@ impl Pixel<'_> {
         Some(geometries.seen(warps.inside, (warps.u, warps.v), (self.x, self.y)))
     }
 
-    /// The sum of the normal equations of some source views at a plane, in units of [`Pixel::step`]. Views that do
-    /// not see the pixel or do not correlate are left out.
-    pub fn normal(&self, plane: &Plane, views: Views) -> (Matrix3<f32>, Vector3<f32>) {
-        let (mut matrix, mut vector) = (Matrix3::zeros(), Vector3::zeros());
+    /// The normal equations at a plane, in units of [`Pixel::step`], of all source views that match it nearly as well as the
+    /// best ones. A view from a wide baseline moves more with depth, so its equations weigh more.
+    pub fn equations(&self, plane: &Plane, judged: Judged) -> Equations {
         let Matcher { options, isa, sources, groups, .. } = self.matcher;
+        let mut sum = Equations::default();
         for (number, Group { transfers, .. }) in groups.iter().enumerate() {
-            let wanted = of_group(views, number);
-            if wanted == 0 {
-                continue;
-            }
             let warps = transfers.warps(&self.rays[number], plane);
             let [across, along] = transfers.speeds(&self.rays[number], plane.w);
-            for index in indices(wanted) {
+            for index in indices(of_group(self.all(), number)) {
                 let Some(warp) = warps.of(index) else { continue };
+                let view = number * TOGETHER + index;
                 let speed = [across.as_array()[index] * self.step, along.as_array()[index] * self.step];
-                let quads = &sources[number * TOGETHER + index].quads;
-                let normal = normal(&self.window, quads, &warp, speed, options.noise, *isa);
-                if normal.correlation > 0.0 {
-                    matrix += normal.matrix;
-                    vector += normal.vector;
+                let normal = normal(&self.window, &sources[view].quads, &warp, speed, options.noise, *isa);
+                let is_best = judged.best >> view & 1 == 1;
+                if normal.correlation > 0.0 && (is_best || normal.correlation > judged.correlation - MATCHING)
+                {
+                    sum.add(view, &normal);
                 }
             }
         }
-        (matrix, vector)
+        sum.correlation /= sum.views.count_ones().max(1) as f32;
+        sum
+    }
+
+    /// The energy of a plane over the views `best`, and its mean correlation over `views`.
+    pub fn energy_and_correlation(&self, plane: &Plane, best: Views, views: Views) -> (Judged, f32) {
+        if !self.is_possible(plane) || best == 0 {
+            return (Judged::IMPOSSIBLE, 0.0);
+        }
+        let mut costs = Costs::none(self.matcher.sources.len());
+        self.costs(best | views, plane, &mut costs);
+        let Cost { total, correlation } = costs.mean_over(best);
+        let judged = Judged { energy: total + self.prior_cost(plane.w), correlation, best };
+        (judged, costs.mean_over(views).correlation)
+    }
+
+    /// All source views.
+    fn all(&self) -> Views {
+        ((1_u32 << self.matcher.sources.len()) - 1) as Views
     }
 
     /// Evaluates a plane in some source views. Returns the sum of their costs.

@@ -7,6 +7,9 @@ use crate::energy::{IMPOSSIBLE, Judged};
 use crate::plane::Plane;
 use crate::transfer::Views;
 
+/// The variance of an inverse depth about which nothing is known, pixels of disparity squared.
+pub(crate) const UNKNOWN: f32 = 1e4;
+
 /// The state of a pixel.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct State {
@@ -16,6 +19,8 @@ pub(crate) struct State {
     pub energy: f32,
     /// The mean correlation of the source views that match it best.
     pub correlation: f32,
+    /// The variance of its inverse depth, pixels of disparity squared.
+    pub variance: f32,
     /// The source views that match it best; none if it was not matched itself.
     pub best: Views,
     /// Whether no Gauss–Newton step is due: the last one was negligible or did not lower the energy, or it was the only one.
@@ -25,13 +30,13 @@ pub(crate) struct State {
 impl State {
     /// A plane whose energy has not been evaluated yet.
     pub fn unjudged(plane: Plane) -> Self {
-        Self { plane, energy: IMPOSSIBLE, ..Self::default() }
+        Self { plane, energy: IMPOSSIBLE, variance: UNKNOWN, ..Self::default() }
     }
 
     /// A plane with its energy, not settled yet.
     pub fn new(plane: Plane, judged: Judged) -> Self {
         let Judged { energy, correlation, best } = judged;
-        Self { plane, energy, correlation, best, settled: false }
+        Self { plane, energy, correlation, variance: UNKNOWN, best, settled: false }
     }
 
     /// Whether the plane is the mean of its neighbours' and was not matched itself.

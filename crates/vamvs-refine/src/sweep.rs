@@ -45,6 +45,10 @@ const SHORT: f32 = 0.1;
 /// pixel.
 const LONGEST: [f32; 2] = [1.0, 0.2];
 
+/// The variance of a depth that is fitted to one texel with this residual variance is this share of it: a window has many
+/// texels, of which some are independent. Fitted to rendered scenes, after planes are smoothed.
+const INDEPENDENT: f32 = 0.05;
+
 /// Damping of depth and of the slopes, relative to the squared noise: it shortens the steps where there is little
 /// texture.
 const DAMPING: [f32; 2] = [0.1, 4.0];
@@ -139,6 +143,7 @@ fn mean_of_adjacent(other: Colour, place: (usize, usize)) -> Option<(State, f32)
         mean.plane = Plane { w: sum.w + 0.25 * w, gx: sum.gx + 0.25 * gx, gy: sum.gy + 0.25 * gy };
         mean.energy += 0.25 * neighbour.energy;
         mean.correlation += 0.25 * neighbour.correlation;
+        mean.variance += 0.25 * neighbour.variance;
     }
     Some((mean, most - least))
 }
@@ -219,16 +224,19 @@ pub(crate) fn consider(pixel: &Pixel, plane: Plane, state: &mut State) {
     }
 }
 
-/// A Gauss–Newton step, taken if it lowers the energy in the views that have matched best.
+/// A Gauss–Newton step over all views that match, taken if it raises their correlation and lowers the energy in those that
+/// match best.
 fn descend(pixel: &Pixel, state: &mut State) {
     if state.settled {
         return;
     }
-    let (matrix, vector) = pixel.normal(&state.plane, state.best);
+    let equations = pixel.equations(&state.plane, state.judged());
     let floor = pixel.matcher.options.noise.powi(2);
     let damping = Vector3::new(DAMPING[0], DAMPING[1], DAMPING[1]) * floor;
-    let Some(inverse) = (matrix + Matrix3::from_diagonal(&damping)).try_inverse() else { return };
-    let step = inverse * vector;
+    let Some(inverse) = (equations.matrix + Matrix3::from_diagonal(&damping)).try_inverse() else { return };
+    let step = inverse * equations.vector;
+    let unexplained = 1.0 - equations.correlation * equations.correlation;
+    let variance = INDEPENDENT * (pixel.window.variance * unexplained + floor) * inverse[(0, 0)];
     let limit = |step: f32, most: f32| step.clamp(-most, most) * pixel.step;
     let plane = Plane {
         w: state.plane.w + limit(step.x, LONGEST[0]),
@@ -237,15 +245,15 @@ fn descend(pixel: &Pixel, state: &mut State) {
     };
     let length = step.x.abs() + RADIUS * (step.y.abs() + step.z.abs());
     if length < SHORT && pixel.is_possible(&plane) {
-        (state.plane, state.settled) = (plane, true);
+        (state.plane, state.variance, state.settled) = (plane, variance, true);
         return;
     }
-    let judged = pixel.energy_in(&plane, state.best);
-    let is_better = judged.energy < state.energy;
+    let (judged, correlation) = pixel.energy_and_correlation(&plane, state.best, equations.views);
+    let is_better = correlation > equations.correlation && judged.energy < state.energy;
     if is_better {
         *state = State::new(plane, judged);
     }
-    state.settled = !is_better;
+    (state.variance, state.settled) = (variance, !is_better);
 }
 
 #[cfg(test)]

@@ -22,7 +22,10 @@ pub struct RefineArguments {
     /// Folder of depth maps, as for `vamvs fuse`.
     #[arg(value_name = "DEPTHS")]
     pub depths: PathBuf,
-    /// The scene with the photographs [default: that of run.toml next to the depth maps, else the photographs there].
+    /// Depth of one grey level of 16-bit PNG depth maps, scene units [default: as png-step.txt beside them says].
+    #[arg(long, value_name = "DEPTH")]
+    pub png_step: Option<f64>,
+    /// The scene with the photographs, and the cameras of depth maps that have none beside them [default: that of run.toml next to the depth maps, else the photographs there].
     #[command(flatten)]
     pub input: InputFlags,
     /// Folder for refined depth maps [default: refined/ next to the depth maps].

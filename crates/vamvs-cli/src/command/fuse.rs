@@ -5,13 +5,12 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use serde_json::json;
 use vamvs::fusion::{FuseError, ViewReport};
-use vamvs::io::masks::Masks;
 use vamvs::{FuseSummary, Maps, PartialFusion, VamvsError};
 
 use super::report;
 use crate::arguments::{CommonFlags, FuseArguments, FusionStepFlags, FusionTask};
 use crate::progress::Progress;
-use crate::settings::{Settings, roi, set};
+use crate::settings::{self, Settings, roi, set};
 use crate::timing::Timing;
 
 /// Runs the command.
@@ -22,8 +21,10 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     settings.use_threads()?;
     settings.apply_export(&arguments.export);
     let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
-    let maps = Maps::open(&arguments.depths, masks(arguments)?, &mut |event| progress.show(event))?;
-    super::expect_masks(arguments.masks.as_deref(), &maps.scene().views)?;
+    let folder = (arguments.depths.as_path(), settings.export.png_step);
+    let masks = settings::masks_of(&arguments.input)?;
+    let maps = super::open_maps(folder, &arguments.input, masks, &mut |event| progress.show(event))?;
+    super::expect_masks(arguments.input.masks.as_deref(), &maps.scene().views)?;
     let cloud = arguments.out.clone().unwrap_or_else(|| maps.default_cloud());
     let wants_page = !arguments.no_report;
     if matches!(arguments.step.step, None | Some(FusionTask::Concatenate)) {
@@ -48,15 +49,6 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
         say!("{}", cloud.display());
     }
     super::expect_all_views(&arguments.common, &fused.skipped)
-}
-
-/// The masks of the folder's own images, if there are any.
-fn masks(arguments: &FuseArguments) -> Result<Masks> {
-    match &arguments.masks {
-        None => Ok(Masks::None),
-        Some(folder) if folder.is_dir() => Ok(Masks::Folder(folder.clone())),
-        Some(missing) => bail!("--masks {}: expected a folder of masks", missing.display()),
-    }
 }
 
 /// Fuses all readable depth maps; with `--strict` all must be readable. Maps are read when they are

@@ -16,14 +16,17 @@ mod tasks;
 #[cfg(feature = "torch")]
 mod train;
 
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::{Result, bail};
 use vamvs::core::View;
 use vamvs::io::masks::Masks;
 use vamvs::output::LeftOut;
+use vamvs::{Event, Maps};
 
-use crate::arguments::{Arguments, Command, CommonFlags};
+use crate::arguments::{Arguments, Command, CommonFlags, InputFlags};
+use crate::settings;
 
 /// Runs a command.
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -45,6 +48,19 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Completions(arguments) => manual::completions(arguments),
         Command::Man(arguments) => manual::run(arguments),
     }
+}
+
+/// Opens depth maps; the scene of the flags, if there is one, has the cameras and photographs of a folder that has none.
+fn open_maps(
+    (folder, png_step): (&Path, Option<f64>),
+    input: &InputFlags,
+    masks: Masks,
+    show: &mut dyn FnMut(Event) -> ControlFlow<()>,
+) -> Result<Maps> {
+    let Some(scene) = settings::given_scene(input)? else {
+        return Ok(Maps::open(folder, masks, show)?);
+    };
+    Ok(Maps::open_with(folder, &scene.load()?, png_step, masks, show)?)
 }
 
 /// Refuses a folder of masks, given by a flag, that has none of any view.

@@ -14,6 +14,7 @@ use vamvs_io::masks::Masks;
 use vamvs_io::{depth, visibility};
 
 use crate::event::{OnEvent, tell};
+use crate::maps;
 use crate::{Event, Maps, VamvsError};
 
 /// Poses of the same camera differ by at most this: positions as a share of the median depth,
@@ -367,7 +368,7 @@ fn files_in_both(prediction: &Path, ground_truth: &Path) -> Result<Vec<[PathBuf;
     let pairs: Vec<_> = pairs.collect();
     if pairs.is_empty() {
         let problem = format!(
-            "expected .pfm or .png depth maps with the names of those in {}, found none",
+            "expected depth maps (.pfm, .png, .exr, .npy) with the names of those in {}, found none",
             ground_truth.display()
         );
         return Err(VamvsError::Folder { path: prediction.to_owned(), problem });
@@ -377,14 +378,8 @@ fn files_in_both(prediction: &Path, ground_truth: &Path) -> Result<Vec<[PathBuf;
 
 /// The depth map files of a folder by their names without extension; none if it cannot be read.
 fn map_files(folder: &Path) -> BTreeMap<String, PathBuf> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let is_map = |path: &PathBuf| {
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-        extension == "pfm" || extension == "png"
-    };
-    let files = entries.map(|entry| entry.path()).filter(is_map);
     let stem = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    files.map(|path| (stem(&path), path)).collect()
+    maps::map_files(folder).into_iter().map(|path| (stem(&path), path)).collect()
 }
 
 /// Scenes by name, each with its folder of depth maps and that of the ground truth: the two given

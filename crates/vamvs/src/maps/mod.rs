@@ -13,12 +13,14 @@ use vamvs_fusion::{FusionView, MapSource, MaskedMap, expect_sizes};
 use vamvs_io::colmap::dense;
 use vamvs_io::masks::{self, Masks};
 use vamvs_io::ply::Coordinates;
-use vamvs_io::{image, pfm};
+use vamvs_io::{Loaded, depth, image, pfm};
 
 use crate::event::{OnEvent, tell};
 use crate::export::for_all_views;
 use crate::output::{ConfidenceKind, LeftOut, Record, names};
 use crate::{Event, MemoryLimit, OutputFolder, VamvsError, memory};
+pub(crate) use layout::map_files;
+
 use layout::Layout;
 
 /// Pixels of a map from which on the memory of its parts is returned to the system before the next part is read.
@@ -42,6 +44,8 @@ pub struct Maps {
     names: Vec<String>,
     files: Vec<MapFiles>,
     masks: Masks,
+    /// The depth of one grey level of a PNG, if it was given.
+    png_step: Option<f64>,
     left_out: Vec<LeftOut>,
     /// The views' places among all views of the folder's scene, and the number of these.
     places: (Vec<usize>, usize),
@@ -71,7 +75,8 @@ impl Maps {
     ///   normals in the world's frame;
     /// - a dense workspace of COLMAP, `stereo/depth_maps/`, `sparse/`, `images/`: the geometric maps, or the
     ///   photometric ones where there are no others;
-    /// - as networks like MVSNet write them, `depth_est/`, `cams/`, `images/`, and perhaps `confidence/`.
+    /// - as networks like MVSNet write them, `depth_est/`, `depths/` or `depth/`, `cams/`, `images/`, and perhaps
+    ///   `confidence/`.
     ///
     /// `path` is this folder, or its folder of depth maps. Without confidence maps every depth has
     /// confidence 1. `masks` are those of the folder's own, undistorted images.
@@ -80,26 +85,60 @@ impl Maps {
     /// If the folder is none of these, a file is missing or malformed, images are distorted, or there are
     /// fewer than two depth maps.
     pub fn open(path: &Path, masks: Masks, on_event: &mut OnEvent<'_>) -> Result<Self, VamvsError> {
-        let layout = Layout::of(path)?;
+        Self::opened(&Layout::of(path, None)?, None, masks, on_event)
+    }
+
+    /// As [`Maps::open`], for a folder that may lack cameras or photographs: `scene` has them then. Depth maps are those
+    /// with the views' names, in `depth_est/`, `depths/`, `depth/` or the folder itself, as PFM, NPY, EXR, or 16-bit PNG,
+    /// of which `png_step` is the depth of one grey level, scene units; without it `png-step.txt` beside them says it.
+    ///
+    /// # Errors
+    /// As [`Maps::open`].
+    pub fn open_with(
+        path: &Path,
+        scene: &Loaded,
+        png_step: Option<f64>,
+        masks: Masks,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Self, VamvsError> {
+        let mut layout = Self::opened(&Layout::of(path, Some(scene))?, Some(scene), masks, on_event)?;
+        layout.png_step = png_step;
+        Ok(layout)
+    }
+
+    fn opened(
+        layout: &Layout,
+        given: Option<&Loaded>,
+        masks: Masks,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Self, VamvsError> {
         let loaded = layout.read_scene()?;
         loaded.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
-        let files: Vec<Option<MapFiles>> = layout.files(&loaded.scene.views);
+        let own_images = layout.root().join("images");
+        let images = given.map(|given| given.images.clone()).filter(|_| !own_images.is_dir());
+        let files: Vec<Option<MapFiles>> =
+            layout.files(&loaded.scene.views, images.as_deref().unwrap_or(&own_images));
         let kept: Vec<usize> = (0..files.len()).filter(|&view| files[view].is_some()).collect();
-        let (missing, scene) = (files.len() - kept.len(), only(&loaded.scene, &kept));
+        let scene = only(&loaded.scene, &kept);
         let all = files.len();
-        if missing > 0 {
-            let text = format!("{missing} view(s) have a camera but no depth map and are left out");
+        let missing = (0..all).find(|&view| files[view].is_none()).map(|view| &loaded.scene.views[view]);
+        let sought = missing.map(|view| layout.sought(view)).unwrap_or_default();
+        expect_two(kept.len(), &layout.depths(), &sought)?;
+        if missing.is_some() {
+            let count = all - kept.len();
+            let text = format!("{count} view(s) have a camera but no depth map and are left out: {sought}");
             tell(on_event, Event::Warning(text))?;
         }
-        expect_two(kept.len(), &layout.depths())?;
+        let camera = |view: &View| pinhole(&view.camera, layout.root());
         Ok(Self {
             own: layout.own().cloned(),
             root: layout.root().to_owned(),
-            cameras: scene.views.iter().map(|view| pinhole(&view.camera, path)).collect::<Result<_, _>>()?,
+            cameras: scene.views.iter().map(camera).collect::<Result<_, _>>()?,
             names: names(&scene.views),
             files: files.into_iter().flatten().collect(),
             scene,
             masks,
+            png_step: None,
             left_out: Vec::new(),
             places: (kept, all),
         })
@@ -119,7 +158,7 @@ impl Maps {
         let left_out: Vec<LeftOut> =
             names.filter_map(|(view, problem)| Some(LeftOut { view, reason: problem? })).collect();
         left_out.iter().try_for_each(|view| tell(on_event, Event::left_out(view)))?;
-        expect_two(kept.len(), &self.root)?;
+        expect_two(kept.len(), &self.root, "")?;
         self.scene = only(&self.scene, &kept);
         self.cameras = kept.iter().map(|&view| self.cameras[view]).collect();
         self.names = kept.iter().map(|&view| self.names[view].clone()).collect();
@@ -155,7 +194,7 @@ impl Maps {
     /// Whether `path` holds depth maps in one of the layouts.
     #[must_use]
     pub fn are_at(path: &Path) -> bool {
-        Layout::of(path).is_ok()
+        Layout::of(path, None).is_ok()
     }
 
     /// The folder that holds the depth maps, cameras and photographs.
@@ -316,10 +355,10 @@ impl Maps {
         let files = &self.files[view];
         let depth = match files.is_of_colmap() {
             true => dense::read_depth_map(&files.depth)?,
-            false => pfm::read_depth(&files.depth)?,
+            false => depth::read(&files.depth, self.png_step(&files.depth)?)?,
         };
         let confidence = match &files.confidence {
-            Some(path) => pfm::read(path)?,
+            Some(path) => depth::read_confidence(path)?,
             None => depth.map(|depth| f32::from(u8::from(*depth > 0.0))),
         };
         Ok(DepthMap {
@@ -331,21 +370,34 @@ impl Maps {
         })
     }
 
+    /// The depth of one grey level of a depth map; 1 if it is no PNG.
+    fn png_step(&self, path: &Path) -> Result<f64, VamvsError> {
+        if !path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+            return Ok(1.0);
+        }
+        let step = self.png_step.map_or_else(|| depth::png_step_beside(path), |step| Ok(Some(step)))?;
+        step.ok_or_else(|| {
+            let problem = format!(
+                "the depth of one grey level is not known: give it with --png-step, or in a file {} beside it",
+                depth::PNG_STEP_FILE
+            );
+            VamvsError::Folder { path: path.to_owned(), problem }
+        })
+    }
+
     /// Checks that a view's files can be read and fit together. Of float maps the header tells that; photographs and masks
     /// are decoded.
     fn checked(&self, view: usize) -> Result<(), VamvsError> {
         let files = &self.files[view];
-        let map_size = |path: &Option<PathBuf>, channels| {
-            path.as_deref().map(|path| pfm::stored_size(path, channels)).transpose()
-        };
+        let map_size = |path: &Option<PathBuf>| path.as_deref().map(depth::stored_size).transpose();
         let size = match files.is_of_colmap() {
             true => dense::read_depth_map(&files.depth)?.size(),
-            false => pfm::stored_size(&files.depth, 1)?,
+            false => depth::stored_size(&files.depth)?,
         };
         let parts = [
-            ("a confidence map", map_size(&files.confidence, 1)?),
-            ("a coarse confidence map", map_size(&files.coarse_confidence, 1)?),
-            ("a map of normals", map_size(&files.normals, 3)?),
+            ("a confidence map", map_size(&files.confidence)?),
+            ("a coarse confidence map", map_size(&files.coarse_confidence)?),
+            ("a map of normals", files.normals.as_deref().map(|path| pfm::stored_size(path, 3)).transpose()?),
         ];
         expect_sizes(view, size, &parts)?;
         self.mask(view, size)?;
@@ -400,11 +452,14 @@ fn give_back_if_large(size: Size) {
     }
 }
 
-fn expect_two(count: usize, path: &Path) -> Result<(), VamvsError> {
+/// Refuses fewer than two depth maps; `sought` says what was expected for one that is missing.
+fn expect_two(count: usize, path: &Path, sought: &str) -> Result<(), VamvsError> {
     if count >= 2 {
         return Ok(());
     }
-    let problem = format!("expected depth maps of at least 2 of the views that can be read, found {count}");
+    let sought = if sought.is_empty() { String::new() } else { format!(": {sought}") };
+    let problem =
+        format!("expected depth maps of at least 2 of the views that can be read, found {count}{sought}");
     Err(VamvsError::Folder { path: path.to_owned(), problem })
 }
 
@@ -413,7 +468,8 @@ fn pinhole(camera: &Camera, path: &Path) -> Result<Pinhole, VamvsError> {
         Lens::None => Ok(Pinhole { size: camera.size, intrinsics: camera.intrinsics }),
         _ => Err(VamvsError::Folder {
             path: path.to_owned(),
-            problem: "expected undistorted images with cameras without distortion, found distorted ones"
+            problem: "expected undistorted images with cameras without distortion, found distorted ones: depth maps have \
+                      the cameras of the photographs that they were made of"
                 .to_owned(),
         }),
     }

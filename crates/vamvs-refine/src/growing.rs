@@ -1,0 +1,142 @@
+//! Planes of large segments grow over the blocks beside them.
+//!
+//! Where a seed is wrong on a textureless surface, each pixel finds something that matches as well by chance, and no
+//! neighbour's plane wins pixel by pixel. Over a block the right plane does: it matches at least as well as all of these
+//! different planes together.
+
+use rayon::prelude::*;
+use vamvs_core::Grid;
+
+use crate::energy::Judged;
+use crate::field::{Field, State};
+use crate::matcher::Matcher;
+use crate::plane::Plane;
+use crate::segments::{BLOCK, Segments, adjacent};
+
+/// Segments of fewer pixels do not grow.
+const LEAST_PIXELS: usize = 1500;
+
+/// A segment grows over blocks of segments of at most this share of its pixels.
+const SMALLER: f64 = 0.5;
+
+/// The energy of a plane behind a camera, or outside of all source views.
+const WORST: f32 = 1.5;
+
+/// By how much a plane may match worse than the planes that a block has, which were chosen among many.
+const MARGIN: f32 = 0.06;
+
+/// Planes that differ by less than this in a block, pixels of disparity, are the same surface, about which matching decides.
+const OTHER: f32 = 0.6;
+
+/// By how much it may match worse at a pixel that takes it.
+const PIXEL_MARGIN: f32 = 0.2;
+
+/// Columns and rows of a block's pixels on which planes are compared.
+const SAMPLES: usize = 4;
+
+/// Most rounds; in each, a segment grows by one block to all sides.
+const ROUNDS: usize = 48;
+
+/// Lets the planes of large segments replace those of the blocks beside them that they match at least as well.
+pub(crate) fn grow(field: &mut Field, matcher: &Matcher, steps: &Grid<f32>) {
+    let segments = Segments::of(field, steps);
+    let blocks = segments.blocks();
+    let mut owner: Vec<Option<usize>> = (0..blocks.area()).map(|block| segments.of_block(block)).collect();
+    let mut front: Vec<usize> = (0..blocks.area()).collect();
+    for _ in 0..ROUNDS {
+        let taken: Vec<(usize, usize)> = front
+            .par_iter()
+            .filter_map(|&block| Some((block, taker(field, (matcher, steps), &segments, &owner, block)?)))
+            .collect();
+        if taken.is_empty() {
+            break;
+        }
+        for &(block, segment) in &taken {
+            owner[block] = Some(segment);
+        }
+        take(field, matcher, &segments, &taken);
+        front = taken.iter().flat_map(|&(block, _)| adjacent(block, blocks)).collect();
+        front.sort_unstable();
+        front.dedup();
+    }
+}
+
+/// The segment beside a block whose plane should replace those of the block.
+fn taker(
+    field: &Field,
+    (matcher, steps): (&Matcher, &Grid<f32>),
+    segments: &Segments,
+    owner: &[Option<usize>],
+    block: usize,
+) -> Option<usize> {
+    let own = owner[block];
+    let own_pixels = own.map_or(0, |own| segments.pixels(own));
+    let mut beside: Vec<usize> =
+        adjacent(block, segments.blocks()).filter_map(|block| owner[block]).collect();
+    beside.sort_unstable();
+    beside.dedup();
+    beside.retain(|&segment| {
+        let pixels = segments.pixels(segment);
+        Some(segment) != own && pixels >= LEAST_PIXELS && own_pixels as f64 <= SMALLER * pixels as f64
+    });
+    if beside.is_empty() {
+        return None;
+    }
+    let places = samples(field, segments, block);
+    let mean = |plane: &dyn Fn((usize, usize)) -> Plane| {
+        let sum: f32 = places.iter().map(|&place| judged(matcher, place, &plane(place)).energy).sum();
+        sum / places.len() as f32
+    };
+    let departs = |segment: &usize| {
+        let departure = |&(x, y): &(usize, usize)| {
+            (segments.plane(*segment, (x, y)).w - field.at(x, y).plane.w).abs() / steps[(x, y)]
+        };
+        places.iter().map(departure).sum::<f32>() > OTHER * places.len() as f32
+    };
+    beside.retain(departs);
+    if beside.is_empty() {
+        return None;
+    }
+    let current = mean(&|(x, y)| field.at(x, y).plane) + MARGIN;
+    let energies = beside.into_iter().map(|segment| (mean(&|place| segments.plane(segment, place)), segment));
+    let best = energies.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    (best.0 < current).then_some(best.1)
+}
+
+/// Pixels of a block that have a depth, on a grid.
+fn samples(field: &Field, segments: &Segments, block: usize) -> Vec<(usize, usize)> {
+    let (column, row) = (block % segments.blocks().width, block / segments.blocks().width);
+    let step = BLOCK / SAMPLES;
+    let at = |first: usize, number: usize| first * BLOCK + number * step + step / 2;
+    let places = (0..SAMPLES * SAMPLES).map(|at_| (at(column, at_ % SAMPLES), at(row, at_ / SAMPLES)));
+    let size = field.size();
+    places.filter(|&(x, y)| x < size.width && y < size.height && field.at(x, y).plane.w > 0.0).collect()
+}
+
+/// How well a plane matches at a pixel, whatever its seed.
+fn judged(matcher: &Matcher, (x, y): (usize, usize), plane: &Plane) -> Judged {
+    let pixel = (plane.w > 0.0).then(|| matcher.pixel(x, y, plane.w, 0.0)).flatten();
+    let judged = pixel.map(|pixel| pixel.energy(plane, None));
+    let judged = judged.unwrap_or(Judged { energy: WORST, correlation: 0.0, best: 0 });
+    Judged { energy: judged.energy.min(WORST), ..judged }
+}
+
+/// Gives blocks the planes of segments, pixel by pixel where they do not match much worse.
+fn take(field: &mut Field, matcher: &Matcher, segments: &Segments, taken: &[(usize, usize)]) {
+    let blocks = segments.blocks();
+    let mut of_block = vec![None; blocks.area()];
+    taken.iter().for_each(|&(block, segment)| of_block[block] = Some(segment));
+    for colour in 0..2 {
+        field.update(colour, |_, x, y, state| {
+            let Some(segment) = of_block[y / BLOCK * blocks.width + x / BLOCK] else { return };
+            if state.plane.w <= 0.0 {
+                return;
+            }
+            let plane = segments.plane(segment, (x, y));
+            let (new, old) = (judged(matcher, (x, y), &plane), judged(matcher, (x, y), &state.plane));
+            if new.best != 0 && new.energy < old.energy + PIXEL_MARGIN {
+                *state = State { settled: true, ..State::new(plane, new) };
+            }
+        });
+    }
+}
