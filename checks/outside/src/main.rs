@@ -76,6 +76,7 @@ fn exact(scene: &Scene) -> Vec<ViewMap> {
             coarse_confidence: None,
         },
         normals: None,
+        sigma: None,
         colour: image(view),
         neighbours: Vec::new(),
     };

@@ -83,7 +83,15 @@ fn places(cloud: &[CloudPoint]) -> Vec<[f64; 3]> {
 
 /// A point with a position and nothing else.
 fn bare(x_in_world: &[f64; 3]) -> CloudPoint {
-    CloudPoint { x_in_world: *x_in_world, normal: [0.0; 3], colour: [0; 3], confidence: 1.0, views: 0 }
+    CloudPoint {
+        x_in_world: *x_in_world,
+        normal: [0.0; 3],
+        colour: [0; 3],
+        confidence: 1.0,
+        sigma: 0.0,
+        sigma: 0.0,
+        views: 0,
+    }
 }
 
 /// Points coloured by their distances: white at 0, dark red from twice the threshold.

@@ -181,6 +181,7 @@ mod tests {
                 normal: [0.0, 0.0, -1.0],
                 colour: [0; 3],
                 confidence: 1.0,
+                sigma: 0.0,
                 views: 2,
             }
         };

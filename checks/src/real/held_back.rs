@@ -174,6 +174,7 @@ mod tests {
             normal: [0.0, 0.0, -1.0],
             colour: shot.photo[(x, y)].map(|value| (value as f32 * 0.7).round() as u8),
             confidence: 1.0,
+            sigma: 0.0,
             views: 3,
         };
         (0..24).flat_map(|y| columns.clone().map(move |x| (x, y))).map(point).collect()

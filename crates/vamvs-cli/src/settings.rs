@@ -132,6 +132,7 @@ impl Settings {
         set(&mut filter.min_views, flags.min_views);
         set(&mut filter.min_support, flags.min_support);
         set(&mut filter.contradiction, flags.contradiction);
+        set(&mut filter.max_sigma, flags.max_sigma.map(Some));
         set(&mut filter.point_spacing, flags.point_spacing.map(Some));
         set(&mut filter.max_reprojection, flags.max_reprojection);
         set(&mut filter.max_relative_depth, flags.max_relative_depth);

@@ -15,6 +15,9 @@ pub struct CloudPoint {
     pub colour: Rgb,
     /// Confidence in [0, 1].
     pub confidence: f32,
+    /// Standard deviation of its position along the ray from the camera that its depth is of, scene units; 0 if it is not
+    /// known.
+    pub sigma: f32,
     /// Number of views that agree on the point.
     pub views: u8,
 }

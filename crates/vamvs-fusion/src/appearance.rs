@@ -1,5 +1,7 @@
 //! How a view shows its surfaces: colours, normals, and which pixels are at an edge.
 
+use std::sync::LazyLock;
+
 use rayon::prelude::*;
 use vamvs_core::{Grid, Rgb};
 
@@ -23,13 +25,28 @@ pub(crate) struct Look {
     pub paint: Paint,
 }
 
-/// A colour, and whether the whole 5×5 window around the pixel lies on one surface. If not, the colour may be that of what
-/// is beside it.
+/// A colour; whether the whole 5×5 window around the pixel lies on one surface, else the colour may be that of what is beside
+/// it; and the standard deviation of the depth, as a share of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Paint(u32);
 
 /// The bit of pixels that are not at an edge.
 const INNER: u32 = 1 << 24;
+
+/// The standard deviation begins at this bit. 0: it is not known.
+const SIGMA_BIT: u32 = 25;
+
+/// The largest number for a standard deviation, which is 1; each smaller number is a sixth of an octave less.
+const LARGEST_SIGMA: u32 = 127;
+
+/// Numbers in an octave.
+const PER_OCTAVE: f32 = 6.0;
+
+/// The standard deviations of all numbers, as shares of the depth.
+static SIGMAS: LazyLock<[f32; LARGEST_SIGMA as usize + 1]> = LazyLock::new(|| {
+    let sigma = |number: usize| ((number as f32 - LARGEST_SIGMA as f32) / PER_OCTAVE).exp2();
+    std::array::from_fn(|number| if number == 0 { 0.0 } else { sigma(number) })
+});
 
 impl Paint {
     /// The colour of a pixel at an edge.
@@ -40,6 +57,21 @@ impl Paint {
     /// The same away from edges.
     pub fn inner(self) -> Self {
         Self(self.0 | INNER)
+    }
+
+    /// The same with the standard deviation of the depth, as a share of it, to 6 %; 0 or less: not known.
+    pub fn with_sigma(self, sigma: f32) -> Self {
+        if sigma <= 0.0 || sigma.is_nan() {
+            return self;
+        }
+        let number = sigma.log2() * PER_OCTAVE + LARGEST_SIGMA as f32 + 0.5;
+        Self(self.0 | (number.max(1.0) as u32).min(LARGEST_SIGMA) << SIGMA_BIT)
+    }
+
+    /// The standard deviation of the depth, as a share of it; 0 if it is not known.
+    #[inline]
+    pub fn sigma(self) -> f32 {
+        SIGMAS[(self.0 >> SIGMA_BIT) as usize]
     }
 
     /// Red, green and blue.
@@ -65,16 +97,26 @@ impl SeenView {
         // First the normals, which take the most room until they are packed, and go then.
         let normals = source.load_normals(view).map_err(FuseError::loading(view))?;
         let normals = normals.map(|normals| packed(&normals));
+        let sigmas = source.load_sigma(view).map_err(FuseError::loading(view))?;
         let filtered = FilteredView::load(view, source, options)?;
         let size = filtered.size();
         let colours = source.load_colour(view, size).map_err(FuseError::loading(view))?;
         let parts = [
             ("a map of normals", normals.as_ref().map(Grid::size)),
+            ("a map of standard deviations", sigmas.as_ref().map(Grid::size)),
             ("a colour image", Some(colours.size())),
         ];
         expect_sizes(view, size, &parts)?;
+        let sigma = |pixel: usize| {
+            sigmas
+                .as_ref()
+                .map_or(0.0, |sigmas| sigmas.data()[pixel] * filtered.samples.data()[pixel].inverse_depth())
+        };
         let normal = |pixel| normals.as_ref().map_or(PackedNormal::NONE, |normals| normals.data()[pixel]);
-        let look = |(pixel, &colour)| Look { normal: normal(pixel), paint: Paint::at_edge(colour) };
+        let look = |(pixel, &colour)| {
+            let paint = Paint::at_edge(colour).with_sigma(sigma(pixel));
+            Look { normal: normal(pixel), paint }
+        };
         let look = Grid::from_vec(size, colours.data().iter().enumerate().map(look).collect());
         let mut seen = Self { filtered, look };
         seen.complete();
@@ -116,4 +158,23 @@ fn packed(normals: &Grid<[f32; 3]>) -> Grid<PackedNormal> {
     let rows = packed.data_mut().par_chunks_mut(width).zip(normals.data().par_chunks(width));
     rows.for_each(|(packed, normals)| pack(normals, packed));
     packed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_standard_deviation_is_kept_to_six_per_cent_beside_the_colour() {
+        let colour = [200, 3, 255];
+        for sigma in [1.0, 0.3, 0.01, 2.5e-4, 1e-6] {
+            let paint = Paint::at_edge(colour).with_sigma(sigma).inner();
+            assert!((paint.sigma() / sigma - 1.0).abs() < 0.06, "{sigma}: {}", paint.sigma());
+            assert_eq!((paint.colour(), paint.is_inner()), ([200.0, 3.0, 255.0], true));
+        }
+        for unknown in [0.0, -1.0, f32::NAN] {
+            assert_eq!(Paint::at_edge(colour).with_sigma(unknown).sigma(), 0.0);
+        }
+        assert_eq!(Paint::at_edge(colour).with_sigma(7.0).sigma(), 1.0);
+    }
 }

@@ -17,6 +17,10 @@ use crate::points::USUAL_VIEWS;
 use crate::round_trip::{Answers, PREFETCH_ROWS, prefetch};
 use crate::wide::widened;
 
+/// Maps that agree are not independent: their photographs are the same, and each was refined with the others. Of the variance
+/// of their mean, as if they were, this power of their number remains. Fitted to rendered scenes.
+const DEPENDENT: f32 = 0.7;
+
 /// The least confidence in the weight of a depth.
 const LEAST_CONFIDENCE: f32 = 0.02;
 
@@ -27,6 +31,9 @@ const AT_EDGE: f32 = 1.0 / 64.0;
 /// The largest weight of a source's depth relative to that of the reference view, for its smaller
 /// footprint.
 const MOST_DETAIL: f32 = 4.0;
+
+/// The largest weight of a depth by its standard deviation: that of a hundredth of a pixel.
+const MOST_WEIGHT: f32 = 1e4;
 
 /// Below this cosine between ray and normal, a tangent plane does not determine the depth along the
 /// ray.
@@ -64,6 +71,10 @@ pub(crate) struct Means<'a> {
     per_slant: Lanes,
     /// 1 over how well the reference view sees the points, length on the surface per pixel.
     per_clarity: Lanes,
+    /// Lengths of the rays to depth 1.
+    length: Lanes,
+    /// Whether the standard deviations of the pixels' own depths are known.
+    has_sigma: Lanes<bool>,
     sums: Sums,
     /// What the views that agree measure, for each lane.
     measured: [Vec<Measured>; LANES],
@@ -95,6 +106,8 @@ struct Looks {
     agrees: Lanes,
     normal: Lanes<PackedNormal>,
     paint: Lanes<Paint>,
+    /// Standard deviations of the depths, as shares of them; 0 if they are not known.
+    sigma: Lanes,
 }
 
 impl<'a> Viewpoint<'a> {
@@ -123,6 +136,8 @@ impl<'a> Means<'a> {
             facing: [none; 3],
             per_slant: none,
             per_clarity: none,
+            length: none,
+            has_sigma: [false; LANES],
             sums: Sums::none(),
             measured: std::array::from_fn(|_| Vec::with_capacity(USUAL_VIEWS)),
             values: Vec::new(),
@@ -178,7 +193,7 @@ impl<'a> Means<'a> {
         self.values.clear();
         self.values.extend(self.measured[lane].iter().map(|measured| measured.depth));
         let views = self.values.len();
-        let depth = robust_mean(&mut self.values, HALF_WEIGHT * max_relative_depth);
+        let Mean { depth, weight, spread } = robust_mean(&mut self.values, HALF_WEIGHT * max_relative_depth);
         let of = |sums: &[Lanes; 3]| sums.map(|sum| sum[lane]);
         let colour: Rgb = of(&self.sums.colour).map(|sum| (sum / self.sums.colour_weight[lane] + 0.5) as u8);
         let position = Vector3::new(self.ray[0][lane], self.ray[1][lane], 1.0) * depth;
@@ -187,8 +202,23 @@ impl<'a> Means<'a> {
             normal: Vector3::from(of(&self.sums.normal)).cast::<f64>().normalize().cast::<f32>().into(),
             colour,
             confidence: self.sums.confidence[lane] / views as f32,
+            sigma: self.sigma(lane, weight, spread),
             views: views.min(255) as u8,
         }
+    }
+}
+
+impl Means<'_> {
+    /// The standard deviation along the ray of a mean of depths with these summed weights and this weighted sum of squared
+    /// differences; 0 if the depth's own is not known. Where the depths differ by more than theirs, it is larger.
+    fn sigma(&self, lane: usize, weight: f32, spread: f32) -> f32 {
+        if !self.has_sigma[lane] {
+            return 0.0;
+        }
+        let (footprint, views) = (self.footprint[lane], self.measured[lane].len() as f32);
+        let excess =
+            spread * self.length[lane] * self.length[lane] / (footprint * footprint * fmax(views - 1.0, 1.0));
+        footprint * (fmax(excess, 1.0) * views.powf(DEPENDENT) / weight).sqrt()
     }
 }
 
@@ -199,6 +229,7 @@ impl Looks {
             agrees: [0.0; LANES],
             normal: [PackedNormal::default(); LANES],
             paint: [Paint::default(); LANES],
+            sigma: [0.0; LANES],
         };
         let (all, width) = (view.look.data(), view.look.width());
         for lane in set_bits(agreeing) {
@@ -206,7 +237,7 @@ impl Looks {
             prefetch(all, pixel + PREFETCH_ROWS * width);
             let Look { normal, paint } = all[pixel];
             looks.agrees[lane] = 1.0;
-            (looks.normal[lane], looks.paint[lane]) = (normal, paint);
+            (looks.normal[lane], looks.paint[lane], looks.sigma[lane]) = (normal, paint, paint.sigma());
         }
         looks
     }
@@ -252,8 +283,13 @@ fn measure_reference_any(
         means.footprint[lane] = footprint;
         means.per_slant[lane] = if slant.abs() >= LEAST_COSINE * length { 1.0 / slant } else { 0.0 };
         means.per_clarity[lane] = footprint / fmax(slant.abs() / length, LEAST_COSINE);
+        means.length[lane] = length;
         depths[0][lane] = depth[lane];
-        depths[1][lane] = fmax(confidence[lane], LEAST_CONFIDENCE);
+        let sigma = looks.sigma[lane] * depth[lane] * length;
+        means.has_sigma[lane] = sigma > 0.0;
+        let relative = footprint / sigma;
+        let plain = fmax(confidence[lane], LEAST_CONFIDENCE);
+        depths[1][lane] = if sigma > 0.0 { fmin(relative * relative, MOST_WEIGHT) } else { plain };
         means.sums.add(looks, (1.0, confidence[lane]), lane);
     }
 }
@@ -283,12 +319,17 @@ fn measure_source_any(
         let relative = means.footprint[lane] * per_footprint;
         let detail = fmin(relative * relative, MOST_DETAIL);
         let (dx, dy, dz) = (px - camera.x, py - camera.y, pz - camera.z);
-        let cosine = (fx * dx + fy * dy + fz * dz).abs() / (dx * dx + dy * dy + dz * dz).sqrt();
+        let distance = (dx * dx + dy * dy + dz * dz).sqrt();
+        let cosine = (fx * dx + fy * dy + fz * dz).abs() / distance;
         let clarity = fmax(cosine, LEAST_COSINE) * per_footprint;
         let ratio = fmin(clarity * means.per_clarity[lane], 1e3);
         depths[0][lane] = along;
         let confidence = answers.sureness[lane] * answers.sureness[lane];
-        depths[1][lane] = fmax(confidence, LEAST_CONFIDENCE) * detail;
+        // A depth of the source moves the point along the reference ray by the ratio of the cosines.
+        let sigma = looks.sigma[lane] * distance * fmax(cosine, LEAST_COSINE) * means.per_clarity[lane];
+        let relative = means.footprint[lane] * means.footprint[lane] / sigma;
+        let plain = fmax(confidence, LEAST_CONFIDENCE) * detail;
+        depths[1][lane] = if sigma > 0.0 { fmin(relative * relative, MOST_WEIGHT) } else { plain };
         means.sums.add(looks, (ratio * ratio * ratio * ratio, confidence), lane);
     }
 }
@@ -322,9 +363,18 @@ impl Sums {
     }
 }
 
+/// A robust mean of depths.
+struct Mean {
+    depth: f32,
+    /// The sum of the weights that counted.
+    weight: f32,
+    /// The weighted sum of the squared differences from the mean.
+    spread: f32,
+}
+
 /// The robust mean of weighted values: a value whose distance to the weighted median is the share
 /// `half_weight` of it has half its weight (Cauchy).
-fn robust_mean(values: &mut [[f32; 2]], half_weight: f32) -> f32 {
+fn robust_mean(values: &mut [[f32; 2]], half_weight: f32) -> Mean {
     values.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
     let median = weighted_median(values);
     let weight = |&[value, weight]: &[f32; 2]| {
@@ -335,7 +385,9 @@ fn robust_mean(values: &mut [[f32; 2]], half_weight: f32) -> f32 {
         let weight = weight(value);
         (sum + weight * (value[0] - median), weights + weight)
     });
-    median + sum / weights
+    let depth = median + sum / weights;
+    let spread = values.iter().map(|value| weight(value) * (value[0] - depth).powi(2)).sum();
+    Mean { depth, weight: weights, spread }
 }
 
 /// The weighted median of ascending `values`; the mean of two values if it lies between them.
@@ -360,7 +412,7 @@ mod tests {
 
     #[test]
     fn an_outlier_moves_the_mean_little_and_symmetric_values_not_at_all() {
-        let mean = |values: &[[f32; 2]]| robust_mean(&mut values.to_vec(), 0.0025);
+        let mean = |values: &[[f32; 2]]| robust_mean(&mut values.to_vec(), 0.0025).depth;
         assert_eq!(mean(&[[2.0, 0.3]]), 2.0);
         assert!((mean(&[[2.002, 1.0], [1.998, 1.0]]) - 2.0).abs() < 1e-6);
         assert!((mean(&[[2.0, 1.0], [2.001, 3.0]]) - 2.000_75).abs() < 2e-5, "close values: their mean");

@@ -39,6 +39,8 @@ pub(crate) struct Merger<'a> {
     pub kept: &'a BitGrid,
     /// How much the depths of views that agree may differ, as a share.
     pub max_relative_depth: f32,
+    /// The largest standard deviation of a point, scene units.
+    pub max_sigma: f32,
     pub others: Vec<RivalView<'a>>,
     /// The region of interest.
     pub region: Option<RoiTest<'a>>,
@@ -80,6 +82,9 @@ impl Merger<'_> {
             }
             for lane in 0..pixels.len() {
                 let mut point = means.point(lane, self.max_relative_depth);
+                if point.sigma > self.max_sigma {
+                    continue;
+                }
                 if let Some(region) = &self.region {
                     region.hold(&mut point, (pixels[lane], y));
                 }

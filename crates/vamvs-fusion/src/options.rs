@@ -51,6 +51,9 @@ pub struct FuseOptions {
     pub min_confidence: f32,
     /// The least confidence of the coarse stage where a map has one, 0 to 1.
     pub min_coarse_confidence: f32,
+    /// Points whose standard deviation along the ray is larger are left out, scene units; those of unknown standard deviation
+    /// stay. `None` for no limit.
+    pub max_sigma: Option<f64>,
     /// Least distance between points; `None` for as dense as the view that sees a place in most
     /// detail.
     pub point_spacing: Option<PointSpacing>,
@@ -82,6 +85,7 @@ impl Default for FuseOptions {
             contradiction: 0.25,
             min_confidence: 0.15,
             min_coarse_confidence: 0.2,
+            max_sigma: None,
             point_spacing: None,
         }
     }
@@ -127,6 +131,9 @@ impl FuseOptions {
         check(against >= 0.0 && against.is_finite(), "contradiction", "0 or more", against.into())?;
         check(share(fine), "min-confidence", "from 0 to 1", fine.into())?;
         check(share(coarse), "min-coarse-confidence", "from 0 to 1", coarse.into())?;
+        if let Some(sigma) = self.max_sigma {
+            check(sigma > 0.0 && sigma.is_finite(), "max-sigma", "a positive distance", sigma)?;
+        }
         let Some(PointSpacing::Units(spacing) | PointSpacing::Pixels(spacing)) = self.point_spacing else {
             return Ok(());
         };
@@ -154,6 +161,7 @@ mod tests {
             (FuseOptions { min_coarse_confidence: 1.1, ..FuseOptions::default() }, "min-coarse-confidence"),
             (FuseOptions { min_support: 0.0, ..FuseOptions::default() }, "min-support"),
             (FuseOptions { contradiction: -1.0, ..FuseOptions::default() }, "contradiction"),
+            (FuseOptions { max_sigma: Some(0.0), ..FuseOptions::default() }, "max-sigma"),
             (spaced(PointSpacing::Units(0.0)), "point-spacing"),
             (spaced(PointSpacing::Pixels(f64::INFINITY)), "point-spacing"),
         ];

@@ -144,6 +144,7 @@ impl<S: MapSource + ?Sized> Merging<'_, S> {
             ranking: ranking(view, reference),
             kept: &self.pixels[&view].bits,
             max_relative_depth: self.job.options.max_relative_depth,
+            max_sigma: self.job.options.max_sigma.map_or(f32::INFINITY, |sigma| sigma as f32),
             others: self.neighbours[view].iter().zip(&views[1..]).map(other).collect(),
             region: self.job.roi.as_ref().map(|roi| RoiTest::new(&reference.filtered, roi)),
         }

@@ -27,6 +27,8 @@ pub struct FusionView {
     /// Unit normals in the world's frame, towards the camera, 0 where there is none; `None` to derive them from the
     /// depths.
     pub normals: Option<Grid<[f32; 3]>>,
+    /// Standard deviations of the depths, scene units, 0 where they are not known; `None` if there are none.
+    pub sigma: Option<Grid<f32>>,
 }
 
 impl MaskedMap {
@@ -59,6 +61,7 @@ impl FusionView {
             ("a coarse confidence map", map.coarse_confidence.as_ref().map(Grid::size)),
             ("a colour image", Some(self.colour.size())),
             ("a map of normals", self.normals.as_ref().map(Grid::size)),
+            ("a map of standard deviations", self.sigma.as_ref().map(Grid::size)),
             ("a mask", self.mask.as_ref().map(Grid::size)),
         ];
         expect_sizes(view, map.depth.size(), &parts)
@@ -124,6 +127,14 @@ pub trait MapSource: Sync {
     fn load_normals(&self, view: usize) -> Result<Option<Grid<[f32; 3]>>, Self::Error> {
         Ok(self.load(view)?.normals)
     }
+
+    /// Loads only the standard deviations of a view, the same as [`MapSource::load`] gives.
+    ///
+    /// # Errors
+    /// If they cannot be loaded. Fusion stops then.
+    fn load_sigma(&self, view: usize) -> Result<Option<Grid<f32>>, Self::Error> {
+        Ok(self.load(view)?.sigma)
+    }
 }
 
 /// Views in memory.
@@ -148,5 +159,9 @@ impl MapSource for [FusionView] {
 
     fn load_normals(&self, view: usize) -> Result<Option<Grid<[f32; 3]>>, Infallible> {
         Ok(self[view].normals.clone())
+    }
+
+    fn load_sigma(&self, view: usize) -> Result<Option<Grid<f32>>, Infallible> {
+        Ok(self[view].sigma.clone())
     }
 }

@@ -96,8 +96,14 @@ mod tests {
     fn points(positions: impl IntoIterator<Item = [f64; 3]>) -> FusedPoints {
         let mut points = FusedPoints::default();
         for x_in_world in positions {
-            let point =
-                CloudPoint { x_in_world, normal: [0.0; 3], colour: [0; 3], confidence: 1.0, views: 2 };
+            let point = CloudPoint {
+                x_in_world,
+                normal: [0.0; 3],
+                colour: [0; 3],
+                confidence: 1.0,
+                sigma: 0.0,
+                views: 2,
+            };
             points.push(point, [3, 7].into_iter());
         }
         points

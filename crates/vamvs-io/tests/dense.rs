@@ -105,6 +105,7 @@ fn a_cloud_with_views_has_them_as_lists_and_is_read_like_any_other() {
         normal: [0.0, 1.0, 0.0],
         colour: [1, 2, 3],
         confidence: 0.5,
+        sigma: 0.0,
         views: 2,
     };
     let mut writer = PlyWriter::create_with_views(&path, Coordinates::Float).unwrap();

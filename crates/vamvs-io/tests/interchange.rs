@@ -143,6 +143,7 @@ fn sparse_points_are_seen_wherever_they_lie_in_the_image() {
         normal: [0.0; 3],
         colour: [0; 3],
         confidence: 1.0,
+        sigma: 0.0,
         views: 0,
     });
     ply::write(&files.path("sparse.ply"), &cloud).unwrap();
@@ -351,6 +352,7 @@ fn write_mvs(path: &Path) {
         normal: [0.0, 0.0, 1.0],
         colour: [10, 20, 30],
         confidence: 0.5,
+        sigma: 0.0,
         views: 2,
     };
     openmvs::write_scene(path, &views, &[(point, vec![0, 1]), (point, vec![1])]).unwrap();

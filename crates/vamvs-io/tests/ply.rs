@@ -11,7 +11,15 @@ use vamvs_core::CloudPoint;
 use vamvs_io::{atomic, ply};
 
 fn point(x_in_world: [f64; 3]) -> CloudPoint {
-    CloudPoint { x_in_world, normal: [0.0, 0.6, -0.8], colour: [1, 20, 255], confidence: 0.25, views: 4 }
+    CloudPoint {
+        x_in_world,
+        normal: [0.0, 0.6, -0.8],
+        colour: [1, 20, 255],
+        confidence: 0.25,
+        sigma: 0.0,
+        sigma: 0.0,
+        views: 4,
+    }
 }
 
 fn save(folder: &Path, header: &str, body: &[u8]) -> PathBuf {
@@ -32,6 +40,7 @@ fn any_point() -> impl Strategy<Value = CloudPoint> {
             normal,
             colour,
             confidence,
+            sigma: 0.0,
             views,
         },
     )
@@ -159,8 +168,14 @@ fn foreign_files_are_read_whatever_their_order_and_encoding() {
                  property float quality\nproperty float red\nelement face 1\nproperty list uchar int vertex_indices\n\
                  end_header\n2 5 6\n7 1.5 -2 3 0.5 1\n8 1e3 0 -1 0 0.5\n3 0 1 0\n";
     let cloud = ply::read(&save(folder.path(), ascii, b"")).unwrap();
-    let expected =
-        |x_in_world, colour| CloudPoint { x_in_world, normal: [0.0; 3], colour, confidence: 1.0, views: 0 };
+    let expected = |x_in_world, colour| CloudPoint {
+        x_in_world,
+        normal: [0.0; 3],
+        colour,
+        confidence: 1.0,
+        sigma: 0.0,
+        views: 0,
+    };
     assert_eq!(
         cloud,
         [expected([3.0, -2.0, 1.5], [255, 255, 7]), expected([-1.0, 0.0, 1000.0], [128, 255, 8])]

@@ -215,6 +215,7 @@ mod tests {
             normal: [0.0, 0.0, -1.0],
             colour: [10, 20, 30],
             confidence: 1.0,
+            sigma: 0.0,
             views: 7,
         };
         (0..41 * 41).map(point).collect()

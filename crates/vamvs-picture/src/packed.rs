@@ -134,6 +134,7 @@ mod tests {
                 normal: [0.6, -0.8 * (t as f32), -1.0],
                 colour: [i as u8, 2, 255],
                 confidence: t as f32,
+                sigma: 0.0,
                 views: (i % 200) as u8,
             }
         };

@@ -190,6 +190,7 @@ mod tests {
             normal: [0.0, 0.0, 1.0],
             colour,
             confidence: 1.0,
+            sigma: 0.0,
             views: 3,
         };
         (0..41 * 41).map(point).collect()

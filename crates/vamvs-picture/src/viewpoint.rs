@@ -147,6 +147,7 @@ mod tests {
             normal: [0.0, 0.0, 1.0],
             colour: [0; 3],
             confidence: 1.0,
+            sigma: 0.0,
             views: 3,
         };
         (0..41 * 41).map(|i| point(at(i))).collect()

@@ -72,6 +72,11 @@ impl Cloud {
     }
 
     #[getter]
+    fn sigma<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
+        self.column(|point| point.sigma).into_pyarray(py)
+    }
+
+    #[getter]
     fn views<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u16>> {
         self.column(|point| u16::from(point.views)).into_pyarray(py)
     }

@@ -36,7 +36,7 @@ impl DepthMaps {
 #[expect(non_snake_case, reason = "K is the matrix's name")]
 impl DepthMap {
     #[new]
-    #[pyo3(signature = (name, depth, K, cam_from_world, colour, confidence = None, normal = None))]
+    #[pyo3(signature = (name, depth, K, cam_from_world, colour, confidence = None, normal = None, sigma = None))]
     #[expect(clippy::needless_pass_by_value, reason = "pyo3 gives values")]
     fn new(
         name: String,
@@ -46,6 +46,7 @@ impl DepthMap {
         colour: PyReadonlyArray3<'_, u8>,
         confidence: Option<PyReadonlyArray2<'_, f32>>,
         normal: Option<PyReadonlyArray3<'_, f32>>,
+        sigma: Option<PyReadonlyArray2<'_, f32>>,
     ) -> PyResult<Self> {
         let depth = to_grid(&depth);
         let size = depth.size();
@@ -55,13 +56,15 @@ impl DepthMap {
         };
         let colour = to_triples("colour", &colour)?;
         let normals = normal.map(|normal| to_triples("normal", &normal)).transpose()?;
+        let sigma = sigma.map(|sigma| to_grid(&sigma));
+        sigma.iter().try_for_each(|sigma| expect_size("sigma", sigma.size(), size))?;
         expect_size("confidence", confidence.size(), size)?;
         expect_size("colour", colour.size(), size)?;
         normals.iter().try_for_each(|normals| expect_size("normal", normals.size(), size))?;
         let camera = Pinhole { size, intrinsics: to_intrinsics(&K)? };
         let cam_from_world = to_pose(&cam_from_world)?;
         let map = core::DepthMap { camera, cam_from_world, depth, confidence, coarse_confidence: None };
-        Ok(Self(Arc::new(ViewMap { name, view: 0, map, normals, colour, neighbours: Vec::new() })))
+        Ok(Self(Arc::new(ViewMap { name, view: 0, map, normals, sigma, colour, neighbours: Vec::new() })))
     }
 
     #[getter]
@@ -82,6 +85,11 @@ impl DepthMap {
     #[getter]
     fn normal<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray3<f32>>>> {
         self.0.normals.as_ref().map(|normals: &Grid<[f32; 3]>| from_triples(py, normals)).transpose()
+    }
+
+    #[getter]
+    fn sigma<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f32>>>> {
+        self.0.sigma.as_ref().map(|sigma| from_grid(py, sigma)).transpose()
     }
 
     #[getter]

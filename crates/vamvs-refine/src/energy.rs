@@ -17,10 +17,11 @@ pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
 const STEEPEST: f32 = 1.2;
 
 /// By photographs alone, a plane that is worse by more than this in the views that have matched best so far is not tried in
-/// the others, where it could match by chance. With the sources' own depth maps that is rare, and all views are tried.
-///
-/// A plane that is better in the best views is accepted at once.
+/// the others, where it could match by chance. A plane that is better in the best views is accepted at once.
 pub(crate) const HOPELESS: f32 = 0.01;
+
+/// The same with the sources' own depth maps, where a match by chance is rare.
+pub(crate) const HOPELESS_WITH_DEPTHS: f32 = 0.3;
 
 /// A view whose correlation is less than that of the best ones by no more than this tells something of the depth.
 const MATCHING: f32 = 0.3;

@@ -285,7 +285,7 @@ fn check_size(what: &'static str, expected: Size, found: Size) -> Result<(), Ref
     if expected == found { Ok(()) } else { Err(RefineError::Size { what, expected, found }) }
 }
 
-/// Draws planes to those of planar segments, smooths them, and gives speckles, small isolated pieces of surface, the seed's planes back.
+/// Lets the planes of segments grow and draws pixels to them, smooths planes, and gives speckles, small isolated pieces of surface, the seed's planes back.
 fn finish(field: &mut Field, matcher: &Matcher, seed: impl Fn(usize, usize) -> (Plane, f32)) {
     let mut steps = Grid::filled(field.size(), 0.0);
     steps.data_mut().par_chunks_exact_mut(field.size().width.max(1)).enumerate().for_each(|(y, row)| {
@@ -293,9 +293,7 @@ fn finish(field: &mut Field, matcher: &Matcher, seed: impl Fn(usize, usize) -> (
             *step = matcher.step(x, y, field.at(x, y).plane.w);
         }
     });
-    if std::env::var("NOGROW").is_err() {
-        growing::grow(field, matcher, &steps);
-    }
+    growing::grow(field, matcher, &steps);
     planar_prior::apply(field, &steps);
     smooth::smooth(field, &steps, matcher.isa);
     speckle::replace_speckles(field, &steps, matcher.options.speckle, |x, y| seed(x, y).0);

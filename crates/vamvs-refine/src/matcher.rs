@@ -3,7 +3,7 @@
 use vamvs_core::{Grid, Size};
 
 use crate::RefineOptions;
-use crate::energy::HOPELESS;
+use crate::energy::{HOPELESS, HOPELESS_WITH_DEPTHS};
 use crate::geometry::{Geometries, Geometry};
 use crate::isa::Isa;
 use crate::luminance::Padded;
@@ -23,8 +23,8 @@ pub(crate) struct Matcher<'a> {
     pub groups: Vec<Group>,
     pub options: &'a RefineOptions,
     pub isa: Isa,
-    /// By how much a plane must be worse in the views that have matched best not to be tried in the others: [`HOPELESS`],
-    /// infinite with the sources' own depth maps.
+    /// By how much a plane must be worse in the views that have matched best not to be tried in the others: [`HOPELESS`], or
+    /// [`HOPELESS_WITH_DEPTHS`].
     pub hopeless: f32,
 }
 
@@ -72,7 +72,7 @@ impl<'a> Matcher<'a> {
         for group in &mut self.groups {
             group.geometries = Some(Geometries::new(depths.by_ref().take(TOGETHER)));
         }
-        self.hopeless = f32::INFINITY;
+        self.hopeless = HOPELESS_WITH_DEPTHS;
         self
     }
 

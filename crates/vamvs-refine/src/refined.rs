@@ -9,6 +9,11 @@ use crate::confidence;
 use crate::field::{Field, State};
 use crate::matcher::Matcher;
 use crate::plane::Plane;
+use crate::segments::variance_of;
+
+/// A depth that is surely wrong has a standard deviation of this share of it, one that is surely right that of its matching.
+/// Fitted to rendered scenes.
+const DOUBT: f32 = 0.015;
 
 /// A refined depth map.
 #[derive(Clone, Debug)]
@@ -17,6 +22,8 @@ pub struct Refined {
     pub map: DepthMap,
     /// Unit normals in the reference camera's frame, towards the camera; zero where there is no depth.
     pub normals: Grid<[f32; 3]>,
+    /// Standard deviation of the depth, scene units; 0 where there is no depth.
+    pub sigma: Grid<f32>,
 }
 
 /// Features that separate inliers from outliers.
@@ -47,7 +54,7 @@ impl Refined {
             confidence: nothing(),
             coarse_confidence: None,
         };
-        Self { map, normals: Grid::filled(camera.size, [0.0; 3]) }
+        Self { map, normals: Grid::filled(camera.size, [0.0; 3]), sigma: nothing() }
     }
 
     /// Takes over the part `core` of a tile that covers `outer`.
@@ -58,18 +65,19 @@ impl Refined {
             self.map.depth.row_mut(y)[to.clone()].copy_from_slice(&tile.map.depth.row(row)[from.clone()]);
             self.map.confidence.row_mut(y)[to.clone()]
                 .copy_from_slice(&tile.map.confidence.row(row)[from.clone()]);
+            self.sigma.row_mut(y)[to.clone()].copy_from_slice(&tile.sigma.row(row)[from.clone()]);
             self.normals.row_mut(y)[to].copy_from_slice(&tile.normals.row(row)[from]);
         }
     }
 
-    /// The depth map, and unit normals in the world, as `normals/NAME.pfm` holds them; zero where there is no depth.
+    /// The same with unit normals in the world, as `normals/NAME.pfm` holds them; zero where there is no depth.
     #[must_use]
-    pub fn in_world(mut self) -> (DepthMap, Grid<[f32; 3]>) {
+    pub fn in_world(mut self) -> Self {
         let world_from_cam = self.map.cam_from_world.rotation.transpose().cast::<f32>();
         self.normals.data_mut().par_iter_mut().for_each(|normal| {
             *normal = (world_from_cam * Vector3::from(*normal)).into();
         });
-        (self.map, self.normals)
+        self
     }
 
     /// The depth map and normals, as input of [`crate::refine_geometric`].
@@ -105,6 +113,7 @@ impl Surface<'_> {
 struct Outcome {
     depth: f32,
     confidence: f32,
+    sigma: f32,
     normal: [f32; 3],
 }
 
@@ -120,12 +129,14 @@ pub(crate) fn refined(
     let mut refined = Refined::empty((camera, cam_from_world));
     let depths = refined.map.depth.data_mut().par_chunks_exact_mut(width);
     let confidences = refined.map.confidence.data_mut().par_chunks_exact_mut(width);
+    let sigmas = refined.sigma.data_mut().par_chunks_exact_mut(width);
     let normals = refined.normals.data_mut().par_chunks_exact_mut(width);
-    (depths, confidences, normals).into_par_iter().enumerate().for_each(
-        |(y, (depths, confidences, normals))| {
+    (depths, confidences, sigmas, normals).into_par_iter().enumerate().for_each(
+        |(y, (depths, confidences, sigmas, normals))| {
             for x in 0..width {
                 if let Some(found) = pixel(&camera, field.at(x, y), matcher, (x, y), seed(x, y)) {
-                    (depths[x], confidences[x], normals[x]) = (found.depth, found.confidence, found.normal);
+                    (depths[x], confidences[x]) = (found.depth, found.confidence);
+                    (sigmas[x], normals[x]) = (found.sigma, found.normal);
                 }
             }
         },
@@ -157,5 +168,7 @@ fn pixel(
     let intrinsics = &camera.intrinsics;
     let normal = plane.normal(intrinsics, x as f64 + 0.5, y as f64 + 0.5);
     let confidence = confidence::of(&features);
-    Some(Outcome { depth: 1.0 / plane.w, confidence, normal: normal.cast::<f32>().into() })
+    let matched = variance_of(state.variance, pixel.step).sqrt() as f32 / (plane.w * plane.w);
+    let sigma = matched.hypot(DOUBT * (1.0 - confidence) / plane.w);
+    Some(Outcome { depth: 1.0 / plane.w, confidence, sigma, normal: normal.cast::<f32>().into() })
 }

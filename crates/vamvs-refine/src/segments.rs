@@ -25,11 +25,11 @@ const LEAST_FILLED: f64 = 0.5;
 const ONE_SURFACE: f64 = 0.5;
 
 /// Errors of so many neighbouring pixels are one error: windows overlap, and planes are smoothed.
-const CORRELATED: f64 = 120.0;
+const CORRELATED: f64 = 80.0;
 
 /// Segments are merged if the plane of both departs from that of each by less than noise does with this factor: the sum of
 /// squares of three parameters that are fitted anew, at 10 % significance.
-const NOISE: f64 = 6.0;
+const NOISE: f64 = 4.0;
 
 /// ... and by this, pixels of disparity.
 const RELIEF: f64 = 0.08;

@@ -1,5 +1,6 @@
 //! The output folder: MVSNet-like, `cams/NAME_cam.txt`, `depths/NAME.pfm`, `confidence/NAME.pfm`,
-//! `images/NAME.png`, `pair.txt`, `fused.ply`; where depth maps were refined, `normals/NAME.pfm` too.
+//! `images/NAME.png`, `pair.txt`, `fused.ply`; where depth maps were refined, `normals/NAME.pfm` and
+//! `sigma/NAME.pfm` too.
 //!
 //! NAME is the photograph's name without its extension, `__` for each `/` between folders. Cameras and
 //! photographs are undistorted and of the depth map's size, so the folder is itself a scene that this
@@ -41,6 +42,8 @@ pub struct SavedMap<'a> {
     pub colour: &'a Grid<Rgb>,
     /// Unit normals in the world's frame, 0 where there is no depth, if there are any.
     pub normals: Option<&'a Grid<[f32; 3]>>,
+    /// Standard deviations of the depths, scene units, 0 where there is no depth, if there are any.
+    pub sigma: Option<&'a Grid<f32>>,
 }
 
 /// A depth map as it was saved.
@@ -99,6 +102,12 @@ impl OutputFolder {
     #[must_use]
     pub fn coarse_confidence(&self, name: &str) -> PathBuf {
         self.file("confidence", name, ".coarse.pfm")
+    }
+
+    /// `sigma/NAME.pfm`: standard deviations of the depths, scene units, 0 where there is no depth.
+    #[must_use]
+    pub fn sigma(&self, name: &str) -> PathBuf {
+        self.file("sigma", name, ".pfm")
     }
 
     /// `normals/NAME.pfm`: unit normals in the world, towards the camera, zero where there is no depth.
@@ -174,7 +183,7 @@ impl OutputFolder {
         self.make_folders(names)?;
         let lock = Lock::alone(&self.root)?;
         stale.iter().try_for_each(|name| self.discard(name))?;
-        let folders = FOLDERS.iter().chain(&["normals", "visibility", "."]);
+        let folders = FOLDERS.iter().chain(&["normals", "sigma", "visibility", "."]);
         folders.into_iter().try_for_each(|folder| remove_unfinished(&self.root.join(folder)))?;
         Ok(lock)
     }
@@ -281,6 +290,10 @@ impl OutputFolder {
             make_folder(&self.root.join("normals"))?;
             pfm::write_rgb(&self.normals(name), normals)?;
         }
+        if let Some(sigma) = saved.sigma {
+            make_folder(&self.root.join("sigma"))?;
+            pfm::write(&self.sigma(name), sigma)?;
+        }
         pfm::write(&self.depth(name), &map.depth)?;
         mvsnet::write_cam(&self.cam(name), &map.camera, &map.cam_from_world, Some(saved.range))?;
         write_json(&self.record(name), record)
@@ -310,7 +323,7 @@ impl OutputFolder {
     }
 
     /// The files of a depth map, the record first, with those in other formats.
-    fn map_files(&self, name: &str) -> [PathBuf; 10] {
+    fn map_files(&self, name: &str) -> [PathBuf; 11] {
         let exported = |extension: &str| self.file("depths", name, extension);
         [
             self.record(name),
@@ -320,6 +333,7 @@ impl OutputFolder {
             self.image(name),
             self.coarse_confidence(name),
             self.normals(name),
+            self.sigma(name),
             exported(".png"),
             exported(".exr"),
             exported(".npy"),
@@ -343,7 +357,7 @@ impl OutputFolder {
     /// If a file cannot be removed.
     pub fn remove(&self, names: &[&str]) -> Result<(), VamvsError> {
         names.iter().try_for_each(|name| self.discard(name))?;
-        let folders = ["cams", "images", "depths", "confidence", "normals", "visibility"]
+        let folders = ["cams", "images", "depths", "confidence", "normals", "sigma", "visibility"]
             .map(|name| self.root.join(name));
         // A folder that holds something else stays.
         folders.iter().for_each(|folder| drop(std::fs::remove_dir(folder)));
@@ -393,7 +407,8 @@ impl OutputFolder {
     pub fn is_readable(&self, name: &str) -> bool {
         let sizes = || -> Result<Vec<Size>, IoError> {
             mvsnet::read_cam(&self.cam(name), &mvsnet::Options::default())?;
-            let optional = [(self.coarse_confidence(name), 1), (self.normals(name), 3)];
+            let optional =
+                [(self.coarse_confidence(name), 1), (self.normals(name), 3), (self.sigma(name), 1)];
             let maps = [(self.depth(name), 1), (self.confidence(name), 1)];
             let maps = maps.into_iter().chain(optional.into_iter().filter(|(path, _)| path.is_file()));
             let sizes = maps.map(|(path, channels)| pfm::stored_size(&path, channels));
@@ -452,7 +467,7 @@ mod tests {
         };
         let colour = Grid::filled(size, Rgb::default());
         let range = DepthRange { near: 0.5, far: 2.0 };
-        let saved = SavedMap { map: &map, range, colour: &colour, normals: None };
+        let saved = SavedMap { map: &map, range, colour: &colour, normals: None, sigma: None };
         folder.save(name, &saved, &Record::default()).unwrap();
     }
 

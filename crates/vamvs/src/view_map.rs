@@ -23,6 +23,8 @@ pub struct ViewMap {
     pub map: DepthMap,
     /// Unit normals in the world's frame, towards the camera, 0 where there is no depth; `None` without refinement.
     pub normals: Option<Grid<[f32; 3]>>,
+    /// Standard deviations of the depths, scene units, 0 where there is none; `None` without refinement.
+    pub sigma: Option<Grid<f32>>,
     /// The undistorted photograph at the depth map's size.
     pub colour: Grid<Rgb>,
     /// Other views of the scene that may see the same surfaces, best first. If a map has
@@ -65,8 +67,8 @@ impl MapSource for InMemory<'_> {
     }
 
     fn load(&self, view: usize) -> Result<FusionView, Infallible> {
-        let ViewMap { map, normals, colour, .. } = self.0[view].to_owned();
-        Ok(FusionView { map, mask: None, colour, normals })
+        let ViewMap { map, normals, sigma, colour, .. } = self.0[view].to_owned();
+        Ok(FusionView { map, mask: None, colour, normals, sigma })
     }
 
     fn load_map(&self, view: usize) -> Result<MaskedMap, Infallible> {
@@ -79,6 +81,10 @@ impl MapSource for InMemory<'_> {
 
     fn load_normals(&self, view: usize) -> Result<Option<Grid<[f32; 3]>>, Infallible> {
         Ok(self.0[view].normals.clone())
+    }
+
+    fn load_sigma(&self, view: usize) -> Result<Option<Grid<f32>>, Infallible> {
+        Ok(self.0[view].sigma.clone())
     }
 }
 

@@ -36,6 +36,9 @@ pub struct FusionFlags {
     /// Photometric filter: least confidence of the coarse depth, 0 to 1 [default: 0.2].
     #[arg(long, value_name = "SHARE")]
     pub coarse_confidence: Option<f32>,
+    /// Leave out points whose standard deviation along the ray is larger, scene units [default: no limit].
+    #[arg(long, value_name = "DISTANCE")]
+    pub max_sigma: Option<f64>,
     /// Number of source views that a view is checked against [default: 10].
     #[arg(long, value_name = "N")]
     pub neighbours: Option<usize>,

@@ -33,7 +33,7 @@ fn estimates(scene: &Scene, planes: Option<Planes>) -> OutputFolder {
             coarse_confidence: None,
         };
         let colour = image::resize(&view.photo.image, size);
-        let saved = SavedMap { map: &map, range: PLANES.range, colour: &colour, normals: None };
+        let saved = SavedMap { map: &map, range: PLANES.range, colour: &colour, normals: None, sigma: None };
         let sources = vec![names[if name == "0000" { 1 } else { 0 }].clone()];
         folder
             .save(name, &saved, &Record { made_of: "a test".into(), planes, sources, ..Record::default() })
@@ -182,6 +182,7 @@ fn clouds_are_measured_by_the_preset_that_is_asked_for() {
             normal: [0.0, 0.0, 1.0],
             colour: [9; 3],
             confidence: 1.0,
+            sigma: 0.0,
             views: 3,
         };
         (0..side * side).map(point).collect()

@@ -26,7 +26,7 @@ fn maps_of_confidence(scene: &Scene, confidence: f32, kind: &ConfidenceKind) -> 
             coarse_confidence: None,
         };
         let range = vamvs_tests::folder::depth_range(view, 1.05).unwrap();
-        let saved = SavedMap { map: &map, range, colour: &view.photo.image, normals: None };
+        let saved = SavedMap { map: &map, range, colour: &view.photo.image, normals: None, sigma: None };
         let record = Record { made_of: "ground_truth".into(), confidence: kind.clone(), ..Record::default() };
         folder.save(name, &saved, &record).unwrap();
     }

@@ -53,6 +53,7 @@ fn files_tell_their_sizes() {
         normal,
         colour: [9; 3],
         confidence: 1.0,
+        sigma: 0.0,
         views: 2,
     };
     for (normal, expected) in [([0.0; 3], false), ([0.0, 0.0, 1.0], true)] {

@@ -29,7 +29,9 @@ fn coarse_maps(scene: &Scene) -> OutputFolder {
         let colour = Grid::filled(size, Rgb::default());
         let range = DepthRange::try_new(0.1, 100.0).unwrap();
         let record = Record { made_of: "ground_truth".into(), ..Record::default() };
-        folder.save(name, &SavedMap { map: &map, range, colour: &colour, normals: None }, &record).unwrap();
+        folder
+            .save(name, &SavedMap { map: &map, range, colour: &colour, normals: None, sigma: None }, &record)
+            .unwrap();
     }
     folder
 }

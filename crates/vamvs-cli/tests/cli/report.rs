@@ -86,7 +86,13 @@ fn the_page_is_left_out_made_again_and_made_without_a_cloud() {
     folder
         .save(
             "0000",
-            &vamvs::output::SavedMap { map: &map, range, colour: &colour.unwrap(), normals: None },
+            &vamvs::output::SavedMap {
+                map: &map,
+                range,
+                colour: &colour.unwrap(),
+                normals: None,
+                sigma: None,
+            },
             &record,
         )
         .unwrap();

@@ -80,7 +80,7 @@ fn render(surface: Surface, size: Size, cam_from_world: Pose, colour: Rgb) -> Fu
     });
     let confidence = Grid::filled(size, 1.0);
     let map = DepthMap { camera, cam_from_world, depth, confidence, coarse_confidence: None };
-    FusionView { map, mask: None, colour: Grid::filled(size, colour), normals: None }
+    FusionView { map, mask: None, colour: Grid::filled(size, colour), normals: None, sigma: None }
 }
 
 /// For each view, all other views.

@@ -16,8 +16,8 @@ const PART: usize = 1 << 16;
 
 /// Reads the vertices of a PLY file.
 ///
-/// The properties `x y z` are required. If missing, `nx ny nz` are 0, `red green blue` 255, `confidence` 1
-/// and `views` 0. Floating-point colours are read as 0 to 1. Other properties and elements are ignored.
+/// The properties `x y z` are required. If missing, `nx ny nz` are 0, `red green blue` 255, `confidence` 1,
+/// `sigma` 0 and `views` 0. Floating-point colours are read as 0 to 1. Other properties and elements are ignored.
 /// Vertices whose position is not finite (organised scans have them) are left out.
 ///
 /// # Errors

@@ -16,6 +16,7 @@ impl PropertyAccess for Vertex {
             normal: [0.0; 3],
             colour: [255; 3],
             confidence: 1.0,
+            sigma: 0.0,
             views: 0,
         })
     }
@@ -34,6 +35,7 @@ impl PropertyAccess for Vertex {
             "green" => point.colour[1] = colour(&property, value),
             "blue" => point.colour[2] = colour(&property, value),
             "confidence" => point.confidence = value as f32,
+            "sigma" => point.sigma = value as f32,
             "views" => point.views = value as u8,
             _ => return PropertyAccessResult::Ignored,
         }
@@ -55,6 +57,7 @@ impl PropertyAccess for Vertex {
             "ny" => Some(self.0.normal[1]),
             "nz" => Some(self.0.normal[2]),
             "confidence" => Some(self.0.confidence),
+            "sigma" => Some(self.0.sigma),
             _ => self.get_double(name).map(|value| value as f32),
         }
     }

@@ -172,7 +172,7 @@ fn element(coordinates: Coordinates) -> ElementDef {
     add(&["x", "y", "z"], coordinates.kind());
     add(&["nx", "ny", "nz"], ScalarType::Float);
     add(&["red", "green", "blue"], ScalarType::UChar);
-    add(&["confidence"], ScalarType::Float);
+    add(&["confidence", "sigma"], ScalarType::Float);
     add(&["views"], ScalarType::UChar);
     element
 }

@@ -155,7 +155,14 @@ pub fn pfm(folder: &Path) -> Fixture {
 }
 
 fn point() -> CloudPoint {
-    CloudPoint { x_in_world: [1.0; 3], normal: [0.0, 0.0, 1.0], colour: [1, 2, 3], confidence: 0.5, views: 3 }
+    CloudPoint {
+        x_in_world: [1.0; 3],
+        normal: [0.0, 0.0, 1.0],
+        colour: [1, 2, 3],
+        confidence: 0.5,
+        sigma: 0.0,
+        views: 3,
+    }
 }
 
 fn cloud(path: &Path) {

@@ -69,6 +69,8 @@ class DepthMap:
     """(H, W), how likely the depth is right, 0 to 1."""
     normal: Optional[npt.NDArray[np.float32]]
     """(H, W, 3), unit normals in the world, towards the camera; 0 = none."""
+    sigma: Optional[npt.NDArray[np.float32]]
+    """(H, W), standard deviation of the depth, scene units; 0 = none."""
     colour: npt.NDArray[np.uint8]
     """(H, W, 3), the undistorted photograph."""
     K: npt.NDArray[np.float64]
@@ -84,6 +86,7 @@ class DepthMap:
         colour: npt.NDArray[np.uint8],
         confidence: Optional[npt.NDArray[np.float32]] = None,
         normal: Optional[npt.NDArray[np.float32]] = None,
+        sigma: Optional[npt.NDArray[np.float32]] = None,
     ) -> None: ...
 
 class Cloud:
@@ -95,6 +98,8 @@ class Cloud:
     """(N, 3), red, green, blue."""
     confidence: npt.NDArray[np.float32]
     """(N,)."""
+    sigma: npt.NDArray[np.float32]
+    """(N,), standard deviation along the ray from the camera, scene units; 0 = not known."""
     views: npt.NDArray[np.uint16]
     """(N,), how many views agree on the point."""
     def __len__(self) -> int: ...

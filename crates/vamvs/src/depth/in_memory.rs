@@ -104,9 +104,9 @@ impl<'a> DepthMaps<'a> {
         self.has_any = true;
         let map_names = work.map_names(view, &self.names[view]);
         let neighbours = &work.plan.neighbours[view];
-        let with_name = |(name, MadeMap { map, colour, normals })| {
+        let with_name = |(name, MadeMap { map, colour, normals, sigma })| {
             let neighbours = neighbours.clone();
-            ViewMap { name, view, map, normals, colour, neighbours }
+            ViewMap { name, view, map, normals, sigma, colour, neighbours }
         };
         self.ready.extend(map_names.into_iter().zip(maps).map(with_name));
         let waiting = self.waiting.iter().filter(|&&view| work.plan.views[view].is_ok()).count();

@@ -63,11 +63,13 @@ struct Found {
     region: Option<PixelBox>,
 }
 
-/// A depth map with its photograph and, if it was refined, its normals in the world.
+/// A depth map with its photograph and, if it was refined, its normals in the world and the standard deviations of its
+/// depths.
 pub(super) struct MadeMap {
     pub map: DepthMap,
     pub colour: Grid<Rgb>,
     pub normals: Option<Grid<[f32; 3]>>,
+    pub sigma: Option<Grid<f32>>,
 }
 
 impl Prepared {
@@ -364,14 +366,15 @@ impl MadeMap {
         let size = map.depth.size();
         let scale = map.scale_in(&photo.camera);
         let colour = image::resize(&covered(&photo.image, size, scale), size);
-        Self { map, colour, normals: None }
+        Self { map, colour, normals: None, sigma: None }
     }
 }
 
 /// A refined depth map with its photograph.
 fn refined_map((refined, photo): (Refined, Rc<Photo>)) -> MadeMap {
-    let (map, normals) = refined.in_world();
-    MadeMap { colour: image::resize(&photo.image, map.depth.size()), normals: Some(normals), map }
+    let Refined { map, normals, sigma } = refined.in_world();
+    let colour = image::resize(&photo.image, map.depth.size());
+    MadeMap { map, colour, normals: Some(normals), sigma: Some(sigma) }
 }
 
 /// The share of the confident depths at each end of the range, near and far, if many are there.

@@ -174,8 +174,9 @@ impl<'a> Run<'a> {
         // that of a former depth map.
         let tiles = self.work.options.visibility.then_some(&made.visibility[..]);
         self.output.save_visibility(&self.names[view], tiles)?;
-        for (name, MadeMap { map, colour, normals }) in self.map_names(view).iter().zip(&made.maps) {
-            let saved = SavedMap { map, range: made.plan.planes.range, colour, normals: normals.as_ref() };
+        for (name, MadeMap { map, colour, normals, sigma }) in self.map_names(view).iter().zip(&made.maps) {
+            let (normals, sigma) = (normals.as_ref(), sigma.as_ref());
+            let saved = SavedMap { map, range: made.plan.planes.range, colour, normals, sigma };
             self.first.save(name, &saved, record)?;
         }
         self.summary.writing += begin.elapsed();

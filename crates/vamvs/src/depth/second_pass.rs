@@ -93,7 +93,7 @@ impl Run<'_> {
     fn refine_again(&mut self, view: usize) -> Result<Result<(), VamvsError>, VamvsError> {
         let Ok(plan) = &self.work.plan.views[view] else { return Ok(Ok(())) };
         let first = |view: usize, needed| loaded(&self.first, &self.names[view], needed);
-        let MadeMap { map, colour, normals } = match self.maker.refine_again(view, plan, first) {
+        let MadeMap { map, colour, normals, sigma } = match self.maker.refine_again(view, plan, first) {
             Ok(made) => made,
             Err(error) => return Ok(Err(error)),
         };
@@ -106,8 +106,8 @@ impl Run<'_> {
         let sources = saved(view).map_or(planned.sources, |record| record.sources);
         let record = Record { made_of: made_again_of(view, plan, first), sources, ..planned };
         let begin = Instant::now();
-        let saved =
-            SavedMap { map: &map, range: plan.planes.range, colour: &colour, normals: normals.as_ref() };
+        let (normals, sigma) = (normals.as_ref(), sigma.as_ref());
+        let saved = SavedMap { map: &map, range: plan.planes.range, colour: &colour, normals, sigma };
         self.output.save(&self.names[view], &saved, &record)?;
         self.summary.writing += begin.elapsed();
         Ok(Ok(()))

@@ -244,7 +244,14 @@ pub fn percent(share: f64) -> String {
 
 /// A point with nothing but its position.
 fn bare(x_in_world: &[f64; 3]) -> CloudPoint {
-    CloudPoint { x_in_world: *x_in_world, normal: [0.0; 3], colour: [0; 3], confidence: 1.0, views: 0 }
+    CloudPoint {
+        x_in_world: *x_in_world,
+        normal: [0.0; 3],
+        colour: [0; 3],
+        confidence: 1.0,
+        sigma: 0.0,
+        views: 0,
+    }
 }
 
 /// Points coloured by their distances.

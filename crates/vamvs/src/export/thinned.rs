@@ -52,7 +52,10 @@ mod tests {
         for number in 0..130_000 {
             let x_in_world = [f64::from(number), 0.0, 0.0];
             let (normal, colour) = ([0.0; 3], [0; 3]);
-            thinned.push(&CloudPoint { x_in_world, normal, colour, confidence: 1.0, views: 3 }, &[1, 2]);
+            thinned.push(
+                &CloudPoint { x_in_world, normal, colour, confidence: 1.0, sigma: 0.0, views: 3 },
+                &[1, 2],
+            );
         }
         let points = thinned.into_points();
         assert_eq!(points.len(), 32_500);

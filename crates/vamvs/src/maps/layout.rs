@@ -114,6 +114,7 @@ impl Layout {
                 confidence,
                 coarse_confidence,
                 normals: self.own().and_then(|own| file(own.normals(&name))),
+                sigma: self.own().and_then(|own| file(own.sigma(&name))),
             })
         };
         views.iter().zip(names(views)).map(files).collect()
@@ -132,7 +133,7 @@ impl Layout {
             }
             Self::Other { root, depths, .. } => {
                 let names = [name, &view.name];
-                let depth = find(&[depths.clone()], &DEPTH_NAMES, names);
+                let depth = find(std::slice::from_ref(depths), &DEPTH_NAMES, names);
                 let beside = |path: &PathBuf| depth.as_ref() != Some(path);
                 let folders = [root.join("confidence"), depths.clone()];
                 let confidence = find(&folders, &CONFIDENCE_NAMES, names).filter(beside);

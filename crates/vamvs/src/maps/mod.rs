@@ -59,6 +59,7 @@ struct MapFiles {
     confidence: Option<PathBuf>,
     coarse_confidence: Option<PathBuf>,
     normals: Option<PathBuf>,
+    sigma: Option<PathBuf>,
 }
 
 impl MapFiles {
@@ -314,8 +315,8 @@ impl Maps {
 
     /// The files of a view: depth, confidence, normals, photograph and mask, those that there are.
     pub(crate) fn files(&self, view: usize) -> impl Iterator<Item = PathBuf> {
-        let MapFiles { image, depth, confidence, coarse_confidence, normals } = &self.files[view];
-        let optional = [confidence, coarse_confidence, normals].into_iter().flatten();
+        let MapFiles { image, depth, confidence, coarse_confidence, normals, sigma } = &self.files[view];
+        let optional = [confidence, coarse_confidence, normals, sigma].into_iter().flatten();
         [depth, image].into_iter().chain(optional).cloned().chain(self.mask_file(view))
     }
 
@@ -342,6 +343,7 @@ impl Maps {
             normal: [0.0; 3],
             colour: [0; 3],
             confidence: 0.0,
+            sigma: 0.0,
             views: 0,
         };
         Coordinates::for_points(&self.scene.views.iter().map(at_camera).collect::<Vec<_>>())
@@ -397,6 +399,7 @@ impl Maps {
         let parts = [
             ("a confidence map", map_size(&files.confidence)?),
             ("a coarse confidence map", map_size(&files.coarse_confidence)?),
+            ("a map of standard deviations", map_size(&files.sigma)?),
             ("a map of normals", files.normals.as_deref().map(|path| pfm::stored_size(path, 3)).transpose()?),
         ];
         expect_sizes(view, size, &parts)?;
@@ -426,7 +429,8 @@ impl MapSource for Maps {
     fn load(&self, view: usize) -> Result<FusionView, VamvsError> {
         let MaskedMap { map, mask } = self.load_map(view)?;
         let colour = self.photograph(view, map.depth.size())?;
-        Ok(FusionView { map, mask, colour, normals: self.load_normals(view)? })
+        let (normals, sigma) = (self.load_normals(view)?, self.load_sigma(view)?);
+        Ok(FusionView { map, mask, colour, normals, sigma })
     }
 
     fn load_map(&self, view: usize) -> Result<MaskedMap, VamvsError> {
@@ -443,6 +447,11 @@ impl MapSource for Maps {
     fn load_normals(&self, view: usize) -> Result<Option<Grid<[f32; 3]>>, VamvsError> {
         give_back_if_large(self.cameras[view].size);
         Ok(self.files[view].normals.as_deref().map(pfm::read_rgb).transpose()?)
+    }
+
+    fn load_sigma(&self, view: usize) -> Result<Option<Grid<f32>>, VamvsError> {
+        give_back_if_large(self.cameras[view].size);
+        Ok(self.files[view].sigma.as_deref().map(pfm::read).transpose()?)
     }
 }
 

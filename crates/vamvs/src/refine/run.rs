@@ -18,7 +18,7 @@ use crate::photographs::{hash_file, working_cameras};
 use crate::{Event, OutputFolder, Pass, VamvsError, geometric, memory};
 
 /// Increased whenever a change gives other depth maps for the same inputs.
-const VERSION: u32 = 7;
+const VERSION: u32 = 8;
 
 /// What became of a view.
 enum Outcome {
@@ -141,9 +141,10 @@ impl<'a> Run<'a> {
             Err(error) => return Ok(Err(error)),
         };
         let begin = Instant::now();
-        let (map_of_view, normals) = refined.in_world();
+        let Refined { map: map_of_view, normals, sigma } = refined.in_world();
         let colour = image::resize(&photo.image, map_of_view.depth.size());
-        let saved = SavedMap { map: &map_of_view, range, colour: &colour, normals: Some(&normals) };
+        let (normals, sigma) = (Some(&normals), Some(&sigma));
+        let saved = SavedMap { map: &map_of_view, range, colour: &colour, normals, sigma };
         folder.save(&self.job.maps.names()[map], &saved, record)?;
         self.summary.writing += begin.elapsed();
         Ok(Ok(()))
