@@ -89,7 +89,6 @@ fn bare(x_in_world: &[f64; 3]) -> CloudPoint {
         colour: [0; 3],
         confidence: 1.0,
         sigma: 0.0,
-        sigma: 0.0,
         views: 0,
     }
 }

@@ -17,7 +17,6 @@ fn point(x_in_world: [f64; 3]) -> CloudPoint {
         colour: [1, 20, 255],
         confidence: 0.25,
         sigma: 0.0,
-        sigma: 0.0,
         views: 4,
     }
 }
