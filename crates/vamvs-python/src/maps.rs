@@ -37,7 +37,11 @@ impl DepthMaps {
 impl DepthMap {
     #[new]
     #[pyo3(signature = (name, depth, K, cam_from_world, colour, confidence = None, normal = None, sigma = None))]
-    #[expect(clippy::needless_pass_by_value, reason = "pyo3 gives values")]
+    #[expect(
+        clippy::needless_pass_by_value,
+        clippy::too_many_arguments,
+        reason = "pyo3 gives values, Python has keywords"
+    )]
     fn new(
         name: String,
         depth: PyReadonlyArray2<'_, f32>,
