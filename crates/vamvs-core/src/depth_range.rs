@@ -169,6 +169,17 @@ pub fn from_geometry(scene: &Scene, view: usize, sources: &[usize]) -> Option<De
     DepthRange::try_new(depth(BASELINE_ANGLES.0), depth(BASELINE_ANGLES.1)).ok()
 }
 
+/// The range of a view together with those of views beside it: from the lower quartile of the near ends to the upper quartile
+/// of the far ends. What cameras suggest for a single view may be far off, for most views it is not.
+#[must_use]
+pub fn with_neighbours(own: DepthRange, beside: impl Iterator<Item = DepthRange>) -> DepthRange {
+    let ranges: Vec<DepthRange> = std::iter::once(own).chain(beside).collect();
+    let end =
+        |of: fn(&DepthRange) -> f64, share| quantile(&mut ranges.iter().map(of).collect::<Vec<_>>(), share);
+    let ends = end(|range| range.near, 0.25).zip(end(|range| range.far, 0.75));
+    ends.and_then(|(near, far)| DepthRange::try_new(near, far).ok()).unwrap_or(own)
+}
+
 /// The depths of the points that are in front of a view's camera.
 fn depths_in<'a>(view: &View, points: impl Iterator<Item = &'a SparsePoint>) -> Vec<f64> {
     let depths = points.map(|point| view.cam_from_world.transform(&point.x_in_world).z);
@@ -253,6 +264,15 @@ mod tests {
     /// `count` depths, evenly spaced from 4 to 6.
     fn even(count: usize) -> impl Iterator<Item = f64> {
         (0..count).map(move |i| 4.0 + 2.0 * i as f64 / (count - 1) as f64)
+    }
+
+    #[test]
+    fn a_view_that_is_far_from_its_neighbours_takes_their_range() {
+        let range = |near, far| DepthRange { near, far };
+        let beside = [range(1.0, 15.0), range(1.2, 14.0), range(0.9, 16.0), range(1.1, 13.0)];
+        assert_eq!(with_neighbours(range(5.3, 53.7), beside.into_iter()), range(1.0, 16.0));
+        assert_eq!(with_neighbours(range(1.0, 14.0), beside.into_iter()), range(1.0, 15.0));
+        assert_eq!(with_neighbours(range(1.0, 14.0), std::iter::empty()), range(1.0, 14.0));
     }
 
     #[test]

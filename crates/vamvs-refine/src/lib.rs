@@ -63,8 +63,11 @@ use sweep::sweep_from;
 /// sources.
 const BYTES_PER_PIXEL: u64 = 230;
 
-/// What the result takes for each pixel, bytes: depth, confidence and normal.
-const RESULT_BYTES: u64 = 20;
+/// What the result takes for each pixel, bytes: depth, confidence, standard deviation and normal.
+const RESULT_BYTES: u64 = 24;
+
+/// The correlation from which photographs alone tell a depth, where the seed has none.
+const FOUNDED: f32 = 0.5;
 
 /// The inputs of a refinement.
 #[derive(Clone, Copy)]
@@ -174,6 +177,7 @@ fn refined_whole(problem: &Problem<'_>, seed: &DepthMap) -> Refined {
         let plane = guess.trusted().enlarged(ratio as f32, cell, (x, y));
         (plane, confidence::UNMATCHED * guess.confidence.max(0.0))
     };
+    drop_unfounded(&mut field, |x, y| seed(x, y).0.w > 0.0);
     finish(&mut field, &matcher, seed);
     let camera = source::reduced(&reference.camera, solve::last_level(options));
     refined::refined((camera, reference.cam_from_world), &field, &matcher, seed)
@@ -283,6 +287,17 @@ fn check_not_empty(size: Size) -> Result<(), RefineError> {
 
 fn check_size(what: &'static str, expected: Size, found: Size) -> Result<(), RefineError> {
     if expected == found { Ok(()) } else { Err(RefineError::Size { what, expected, found }) }
+}
+
+/// Drops depths of which neither the seed nor the photographs tell anything, as in the sky, before planes are drawn over them.
+fn drop_unfounded(field: &mut Field, is_seeded: impl Fn(usize, usize) -> bool + Sync) {
+    for colour in 0..2 {
+        field.update(colour, |_, x, y, state| {
+            if state.correlation < FOUNDED && !is_seeded(x, y) {
+                *state = State::default();
+            }
+        });
+    }
 }
 
 /// Lets the planes of segments grow and draws pixels to them, smooths planes, and gives speckles, small isolated pieces of surface, the seed's planes back.

@@ -68,7 +68,8 @@ pub fn plan(
         |source: &Source| is_there[source.view] && shorter_side(sizes[source.view]) >= SHORTEST_SIDE;
     selected.iter_mut().for_each(|sources| sources.retain(is_usable));
     let seen = SeenPoints::of(scene);
-    let planner = Planner { scene, seen, cameras: &cameras, sizes: &sizes, options, plane_step };
+    let planner =
+        Planner { scene, seen, cameras: &cameras, selected: &selected, sizes: &sizes, options, plane_step };
     let views: Vec<_> =
         selected.iter().enumerate().map(|(view, sources)| planner.view(view, sources)).collect();
     if let Some(reason) = nothing_to_do(scene, &views) {
@@ -143,6 +144,8 @@ struct Planner<'a> {
     scene: &'a Scene,
     seen: SeenPoints,
     cameras: &'a [Pinhole],
+    /// For each view, others that may see the same surfaces, best first.
+    selected: &'a [Vec<Source>],
     /// The smallest size at which each photograph is seen.
     sizes: &'a [Size],
     options: &'a DepthOptions,
@@ -181,7 +184,15 @@ impl Planner<'_> {
         let (range, origin) = depth_range::for_view(self.scene, &self.seen, view, sources).ok_or(
             "no depth range: the scene gives none, has too few points, and the cameras do not determine one; give one with --depth-range",
         )?;
-        Ok((range, Some(origin)))
+        if origin != RangeOrigin::Geometry {
+            return Ok((range, Some(origin)));
+        }
+        let of_source = |&source: &usize| {
+            let its: Vec<_> =
+                view_selection::compared(&self.selected[source], self.options.views - 1).collect();
+            depth_range::from_geometry(self.scene, source, &its)
+        };
+        Ok((depth_range::with_neighbours(range, sources.iter().filter_map(of_source)), Some(origin)))
     }
 
     /// The range and the part of the image that the region of interest leaves.
