@@ -269,8 +269,8 @@ pub struct ManArguments {
 /// `info`.
 #[derive(Debug, Args)]
 pub struct InfoArguments {
-    /// A .pt, .safetensors, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/; or the word
-    /// `device`.
+    /// A .pt, .safetensors, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/;
+    /// transforms.json, an .nvm, .mvs or bundle.out file; or the word `device`.
     #[arg(value_name = "FILE|DIR|device")]
     pub what: PathBuf,
     /// Print JSON.

@@ -1,4 +1,4 @@
-//! `vamvs info`: what a file or folder is.
+//! `vamvs info`: what a file or folder is; of a capture, what a reconstruction would do with it.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,9 +8,10 @@ use serde_json::{Map, Value, json};
 use vamvs::Maps;
 use vamvs::fusion::MapSource;
 use vamvs::io::masks::Masks;
-use vamvs::io::{colmap, image, mvsnet, pfm, ply};
+use vamvs::io::{colmap, image, pfm, ply};
 use vamvs::output::ConfidenceKind;
 
+use super::capture;
 use crate::arguments::InfoArguments;
 
 /// Runs the command.
@@ -31,6 +32,9 @@ fn facts(what: &Path) -> Result<Map<String, Value>> {
     if what.is_dir() {
         return folder(what);
     }
+    if let Some(capture) = capture::input(what) {
+        return capture::facts(capture);
+    }
     match what.extension().and_then(|extension| extension.to_str()) {
         Some("pt") => weights(what),
         Some("safetensors") => vis_corr(what),
@@ -41,7 +45,7 @@ fn facts(what: &Path) -> Result<Map<String, Value>> {
         }
         _ if !what.exists() => bail!("{}: there is no such file or folder", what.display()),
         _ => bail!(
-            "{}: expected a .pt, .safetensors, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/; or the word `device`",
+            "{}: expected a .pt, .safetensors, .ply, .pfm or image file; a folder of depth maps, of a COLMAP model or of cams/ and images/; transforms.json, an .nvm, .mvs or bundle.out file; or the word `device`",
             what.display()
         ),
     }
@@ -88,11 +92,10 @@ fn folder(folder: &Path) -> Result<Map<String, Value>> {
     if Maps::are_at(folder) {
         return depth_maps(folder);
     }
-    let (cams, images) = (folder.join("cams"), folder.join("images"));
-    if cams.is_dir() && images.is_dir() {
-        return camera_files(&cams, &images);
+    match capture::input(folder) {
+        Some(capture) => with_model(folder, capture::facts(capture)),
+        None => model(&colmap::workspace::model(folder)?),
     }
-    model(&colmap::workspace::model(folder)?)
 }
 
 fn depth_maps(folder: &Path) -> Result<Map<String, Value>> {
@@ -126,20 +129,21 @@ fn depth_maps(folder: &Path) -> Result<Map<String, Value>> {
     Ok(facts)
 }
 
-fn camera_files(cams: &Path, images: &Path) -> Result<Map<String, Value>> {
-    let loaded = mvsnet::read_scene(cams, images, None, &mvsnet::Options::default())?;
-    let views = &loaded.scene.views;
-    let mut facts = object(json!({
-        "kind": "cameras and photographs (MVSNet)",
-        "views": views.len(),
-        "size": counted(views.iter().map(|view| view.camera.size.to_string())),
-        "with depth range": views.iter().filter(|view| view.depth_range.is_some()).count(),
-        "pairs": loaded.scene.pairs.is_some(),
-    }));
-    if !loaded.warnings.is_empty() {
-        facts.insert("warnings".to_owned(), loaded.warnings.into());
+/// The facts of a capture with those of its model, if it is one of COLMAP; these alone, with why, if its photographs cannot be
+/// used.
+fn with_model(folder: &Path, facts: Result<Map<String, Value>>) -> Result<Map<String, Value>> {
+    let Ok(mut of_model) =
+        colmap::workspace::model(folder).map_err(anyhow::Error::from).and_then(|found| model(&found))
+    else {
+        return facts;
+    };
+    match facts {
+        Ok(facts) => of_model.extend(facts),
+        Err(error) => {
+            of_model.insert("warnings".to_owned(), vec![format!("{error:#}")].into());
+        }
     }
-    Ok(facts)
+    Ok(of_model)
 }
 
 fn model(folder: &Path) -> Result<Map<String, Value>> {
@@ -185,7 +189,7 @@ fn float_map(path: &Path) -> Result<Map<String, Value>> {
     })))
 }
 
-fn object(value: Value) -> Map<String, Value> {
+pub fn object(value: Value) -> Map<String, Value> {
     match value {
         Value::Object(map) => map,
         other => Map::from_iter([("value".to_owned(), other)]),
@@ -198,7 +202,7 @@ fn plain(value: &Value) -> String {
 }
 
 /// Values that may be equal, each once, with their numbers if there are several: `3 of 640×480, 1 of 800×600`.
-fn counted(values: impl Iterator<Item = String>) -> String {
+pub fn counted(values: impl Iterator<Item = String>) -> String {
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     values.for_each(|value| *counts.entry(value).or_default() += 1);
     if let (1, Some(only)) = (counts.len(), counts.keys().next()) {

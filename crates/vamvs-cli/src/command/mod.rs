@@ -2,6 +2,7 @@
 
 #[cfg(feature = "torch")]
 mod calibrate;
+mod capture;
 pub mod depth;
 mod eval;
 mod fuse;

@@ -37,6 +37,27 @@ fn folders_are_told_apart() {
 }
 
 #[test]
+fn a_capture_tells_what_would_be_done_with_it() {
+    let scene = Scene::new(96, 64, 4);
+    let facts = info(&scene.root);
+    assert_eq!((facts["points"].as_u64(), facts["compared with"].as_str()), (Some(0), Some("3")), "{facts}");
+    assert_eq!(facts["depth range from"]["the scene's files"], 4);
+    let command = facts["command"].as_str().unwrap();
+    assert!(command.starts_with("vamvs reconstruct --cams ") && command.contains(" --images "), "{command}");
+    // Without the photographs the model is told, and why there is no more.
+    scene.write_colmap("model/sparse/0");
+    let facts = info(&scene.path("model"));
+    assert_eq!(facts["images"], 4);
+    assert!(facts["warnings"][0].as_str().unwrap().contains("images"), "{facts}");
+    std::fs::rename(scene.path("images"), scene.path("model/images")).unwrap();
+    std::fs::remove_file(scene.path("model/images/0003.png")).unwrap();
+    let facts = info(&scene.path("model"));
+    assert_eq!((facts["views"].as_u64(), facts["depth range from"].as_object().unwrap().len()), (Some(3), 1));
+    assert!(facts["warnings"][0].as_str().unwrap().contains("0003.png"), "{facts}");
+    assert!(facts["command"].as_str().unwrap().contains("model/images"), "{facts}");
+}
+
+#[test]
 fn files_tell_their_sizes() {
     let scene = Scene::new(64, 48, 2);
     let normals = scene.path("normals.pfm");
