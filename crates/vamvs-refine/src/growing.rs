@@ -140,3 +140,63 @@ fn take(field: &mut Field, matcher: &Matcher, segments: &Segments, taken: &[(usi
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::RefineOptions;
+    use crate::{Problem, solve};
+    use nalgebra::Vector3;
+    use vamvs_core::{Intrinsics, Photo, Pinhole, Pose, Size};
+
+    const SIZE: Size = Size::new(120, 96);
+    const FOCAL: f64 = 100.0;
+    const DEPTH: f64 = 4.0;
+
+    /// A camera at (x, 0, 0) that looks along z at a textured wall.
+    fn photo(x: f64) -> Photo {
+        let intrinsics = Intrinsics { fx: FOCAL, fy: FOCAL, cx: 60.0, cy: 48.0 };
+        let image = Grid::from_fn(SIZE, |column, row| {
+            let a = x + (column as f64 + 0.5 - 60.0) * DEPTH / FOCAL;
+            let b = (row as f64 + 0.5 - 48.0) * DEPTH / FOCAL;
+            let wave = (9.0 * a).sin() + (7.0 * b + 3.0 * a).cos() + 0.7 * (23.0 * a + 11.0 * b).sin();
+            [(128.0 + 40.0 * wave) as u8; 3]
+        });
+        let cam_from_world = Pose { translation: Vector3::new(-x, 0.0, 0.0), ..Pose::identity() };
+        Photo { camera: Pinhole { size: SIZE, intrinsics }, cam_from_world, image, mask: None }
+    }
+
+    fn is_patch(x: usize, y: usize) -> bool {
+        (40..72).contains(&x) && (32..56).contains(&y)
+    }
+
+    /// The planes after growing, as pixels of disparity from the wall, of a field that is so many pixels off in a patch and
+    /// around it.
+    fn grown(patch: f32, around: f32) -> impl Fn(usize, usize) -> f32 {
+        let (reference, sources) = (photo(0.0), [photo(0.3), photo(-0.3)]);
+        let (options, sources) = (RefineOptions::default(), [&sources[0], &sources[1]]);
+        let problem =
+            Problem { reference: &reference, sources: &sources, visibility: &[], options: &options };
+        let matcher = solve::matcher(&problem, 0);
+        let (wall, step) = (1.0 / DEPTH as f32, matcher.step(60, 48, 1.0 / DEPTH as f32));
+        let mut field = Field::new(SIZE, |x, y| {
+            let off = if is_patch(x, y) { patch } else { around };
+            let w = wall + off * step;
+            State { variance: 0.04, ..State::unjudged(Plane { w, gx: 0.0, gy: 0.0 }) }
+        });
+        grow(&mut field, &matcher, &Grid::filled(SIZE, step));
+        move |x, y| (field.at(x, y).plane.w - wall) / step
+    }
+
+    #[test]
+    fn a_wall_grows_over_a_patch_that_is_wrong_and_no_wrong_wall_over_one_that_is_right() {
+        let off = grown(3.0, 0.0);
+        for (x, y) in [(42, 34), (56, 44), (70, 54), (20, 20)] {
+            assert!(off(x, y).abs() < 0.1, "{x} {y}: {}", off(x, y));
+        }
+        let off = grown(0.0, 3.0);
+        for (x, y) in [(42, 34), (56, 44), (70, 54)] {
+            assert!(off(x, y).abs() < 0.1, "{x} {y}: {}", off(x, y));
+        }
+    }
+}
