@@ -59,8 +59,12 @@ fn blocks(text: &str) -> Vec<String> {
 fn lay_out(scene: &Scene) {
     std::fs::rename(true_maps(scene).root(), scene.path("ground-truth")).unwrap();
     let model = Model::from_scene(&sparse(scene));
-    for folder in ["sparse/0", "capture"] {
+    for folder in ["sparse/0", "capture", "depth-maps"] {
         std::fs::create_dir_all(scene.path(folder)).unwrap();
+    }
+    for view in 0..scene.views.len() {
+        let from = scene.path(&format!("ground-truth/depths/{view:04}.pfm"));
+        std::fs::copy(from, scene.path(&format!("depth-maps/{view:04}.pfm"))).unwrap();
     }
     model.write_text(&scene.path("sparse/0")).unwrap();
     write(&scene.path("capture/transforms.json"), transforms(scene));
