@@ -22,7 +22,7 @@ pub struct Refined {
     pub map: DepthMap,
     /// Unit normals in the reference camera's frame, towards the camera; zero where there is no depth.
     pub normals: Grid<[f32; 3]>,
-    /// Standard deviation of the depth, scene units; 0 where there is no depth.
+    /// Standard deviation of the depth, at most the depth itself, scene units; 0 where there is no depth.
     pub sigma: Grid<f32>,
 }
 
@@ -169,6 +169,7 @@ fn pixel(
     let normal = plane.normal(intrinsics, x as f64 + 0.5, y as f64 + 0.5);
     let confidence = confidence::of(&features);
     let matched = variance_of(state.variance, pixel.step).sqrt() as f32 / (plane.w * plane.w);
-    let sigma = matched.hypot(DOUBT * (1.0 - confidence) / plane.w);
-    Some(Outcome { depth: 1.0 / plane.w, confidence, sigma, normal: normal.cast::<f32>().into() })
+    let depth = 1.0 / plane.w;
+    let sigma = matched.hypot(DOUBT * (1.0 - confidence) * depth).min(depth);
+    Some(Outcome { depth, confidence, sigma, normal: normal.cast::<f32>().into() })
 }
