@@ -52,7 +52,7 @@ fn a_capture_tells_what_would_be_done_with_it() {
     std::fs::rename(scene.path("images"), scene.path("model/images")).unwrap();
     std::fs::remove_file(scene.path("model/images/0003.png")).unwrap();
     let facts = info(&scene.path("model"));
-    assert_eq!((facts["views"].as_u64(), facts["depth range from"].as_object().unwrap().len()), (Some(3), 1));
+    assert_eq!((facts["views"].as_u64(), facts["depth range from"].as_object().unwrap().len()), (Some(4), 1));
     assert!(facts["warnings"][0].as_str().unwrap().contains("0003.png"), "{facts}");
     assert!(facts["command"].as_str().unwrap().contains("model/images"), "{facts}");
 }
