@@ -118,11 +118,11 @@ fn a_cloud_with_views_has_them_as_lists_and_is_read_like_any_other() {
     let start = bytes.windows(head.len()).position(|window| window == head).unwrap() + head.len();
     let text = String::from_utf8_lossy(&bytes[..start]);
     assert!(text.contains("property list uchar uint view_indices\nproperty list uchar float view_weights\n"));
-    // Skips x y z, normal, colour, confidence and views; the lists follow.
-    let lists = &bytes[start + 12 + 12 + 3 + 4 + 1..];
+    // Skips x y z, normal, colour, confidence, sigma and views; the lists follow.
+    let lists = &bytes[start + 12 + 12 + 3 + 4 + 4 + 1..];
     assert_eq!(lists[..9], [2, 7, 0, 0, 0, 44, 1, 0, 0]);
     assert_eq!(lists[9..18], [&[2], &1f32.to_le_bytes()[..], &1f32.to_le_bytes()].concat());
-    assert_eq!(bytes.len() - start, 2 * 32 + 2 * (1 + 8) + 2 * (1 + 4 * 255));
+    assert_eq!(bytes.len() - start, 2 * 36 + 2 * (1 + 8) + 2 * (1 + 4 * 255));
 }
 
 #[test]

@@ -16,7 +16,7 @@ fn point(x_in_world: [f64; 3]) -> CloudPoint {
         normal: [0.0, 0.6, -0.8],
         colour: [1, 20, 255],
         confidence: 0.25,
-        sigma: 0.0,
+        sigma: 0.5,
         views: 4,
     }
 }
@@ -80,7 +80,7 @@ fn the_file_is_what_other_programs_expect() {
     let cloud: Vec<CloudPoint> = (1..=12).map(|x| point([f64::from(x), 2.0, 3.0])).collect();
     ply::write(&path, &cloud).unwrap();
     let bytes = fs::read(&path).unwrap();
-    let body = bytes.len() - 12 * (6 * 4 + 3 + 4 + 1);
+    let body = bytes.len() - 12 * (6 * 4 + 3 + 4 + 4 + 1);
     let header = String::from_utf8(bytes[..body].to_vec()).unwrap();
     assert_eq!(
         header,
@@ -88,10 +88,14 @@ fn the_file_is_what_other_programs_expect() {
          property float x\nproperty float y\nproperty float z\n\
          property float nx\nproperty float ny\nproperty float nz\n\
          property uchar red\nproperty uchar green\nproperty uchar blue\n\
-         property float confidence\nproperty uchar views\nend_header\n"
+         property float confidence\nproperty float sigma\nproperty uchar views\nend_header\n"
     );
     let floats: Vec<u8> = [1.0f32, 2.0, 3.0, 0.0, 0.6, -0.8].iter().flat_map(|v| v.to_le_bytes()).collect();
-    assert_eq!(bytes[body..][..32], [&floats[..], &[1, 20, 255], &0.25f32.to_le_bytes(), &[4]].concat());
+    let sigma = 0.5f32.to_le_bytes();
+    assert_eq!(
+        bytes[body..][..36],
+        [&floats[..], &[1, 20, 255], &0.25f32.to_le_bytes(), &sigma, &[4]].concat()
+    );
 }
 
 #[test]
