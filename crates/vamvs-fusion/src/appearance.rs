@@ -1,7 +1,5 @@
 //! How a view shows its surfaces: colours, normals, and which pixels are at an edge.
 
-use std::sync::LazyLock;
-
 use rayon::prelude::*;
 use vamvs_core::{Grid, Rgb};
 
@@ -33,20 +31,21 @@ pub(crate) struct Paint(u32);
 /// The bit of pixels that are not at an edge.
 const INNER: u32 = 1 << 24;
 
-/// The standard deviation begins at this bit. 0: it is not known.
+/// The standard deviation begins at this bit, as a number of seven bits: the exponent of a float and the first three digits
+/// of its mantissa, 127 for 1. 0: it is not known.
 const SIGMA_BIT: u32 = 25;
 
-/// The largest number for a standard deviation, which is 1; each smaller number is a sixth of an octave less.
+/// The largest number for a standard deviation.
 const LARGEST_SIGMA: u32 = 127;
 
-/// Numbers in an octave.
-const PER_OCTAVE: f32 = 6.0;
+/// The bits of a float behind those of the number.
+const ROUNDED_BITS: u32 = 20;
 
-/// The standard deviations of all numbers, as shares of the depth.
-static SIGMAS: LazyLock<[f32; LARGEST_SIGMA as usize + 1]> = LazyLock::new(|| {
-    let sigma = |number: usize| ((number as f32 - LARGEST_SIGMA as f32) / PER_OCTAVE).exp2();
-    std::array::from_fn(|number| if number == 0 { 0.0 } else { sigma(number) })
-});
+/// These bits of what a number stands for: the ends of what becomes the number are equally far from it.
+const MIDDLE: u32 = 493_447;
+
+/// What is taken from the bits of a float to get the number.
+const MOVED: u32 = (1.0_f32.to_bits() >> ROUNDED_BITS) - LARGEST_SIGMA;
 
 impl Paint {
     /// The colour of a pixel at an edge.
@@ -59,19 +58,21 @@ impl Paint {
         Self(self.0 | INNER)
     }
 
-    /// The same with the standard deviation of the depth, as a share of it, to 6 %; 0 or less: not known.
+    /// The same with the standard deviation of the depth, as a share of it, from 2·10⁻⁵ to 1, to 6 %; 0 or less: not known.
     pub fn with_sigma(self, sigma: f32) -> Self {
         if sigma <= 0.0 || sigma.is_nan() {
             return self;
         }
-        let number = sigma.log2() * PER_OCTAVE + LARGEST_SIGMA as f32 + 0.5;
-        Self(self.0 | (number.max(1.0) as u32).min(LARGEST_SIGMA) << SIGMA_BIT)
+        let bits = (sigma.to_bits() >> ROUNDED_BITS).clamp(MOVED + 1, MOVED + LARGEST_SIGMA);
+        Self(self.0 | (bits - MOVED) << SIGMA_BIT)
     }
 
     /// The standard deviation of the depth, as a share of it; 0 if it is not known.
-    #[inline]
+    #[inline(always)]
     pub fn sigma(self) -> f32 {
-        SIGMAS[(self.0 >> SIGMA_BIT) as usize]
+        let number = self.0 >> SIGMA_BIT;
+        let sigma = f32::from_bits((number + MOVED) << ROUNDED_BITS | MIDDLE);
+        if number == 0 { 0.0 } else { sigma }
     }
 
     /// Red, green and blue.
@@ -97,28 +98,23 @@ impl SeenView {
         // First the normals, which take the most room until they are packed, and go then.
         let normals = source.load_normals(view).map_err(FuseError::loading(view))?;
         let normals = normals.map(|normals| packed(&normals));
-        let sigmas = source.load_sigma(view).map_err(FuseError::loading(view))?;
         let filtered = FilteredView::load(view, source, options)?;
         let size = filtered.size();
         let colours = source.load_colour(view, size).map_err(FuseError::loading(view))?;
         let parts = [
             ("a map of normals", normals.as_ref().map(Grid::size)),
-            ("a map of standard deviations", sigmas.as_ref().map(Grid::size)),
             ("a colour image", Some(colours.size())),
         ];
         expect_sizes(view, size, &parts)?;
-        let sigma = |pixel: usize| {
-            sigmas
-                .as_ref()
-                .map_or(0.0, |sigmas| sigmas.data()[pixel] * filtered.samples.data()[pixel].inverse_depth())
-        };
         let normal = |pixel| normals.as_ref().map_or(PackedNormal::NONE, |normals| normals.data()[pixel]);
-        let look = |(pixel, &colour)| {
-            let paint = Paint::at_edge(colour).with_sigma(sigma(pixel));
-            Look { normal: normal(pixel), paint }
-        };
+        let look = |(pixel, &colour)| Look { normal: normal(pixel), paint: Paint::at_edge(colour) };
         let look = Grid::from_vec(size, colours.data().iter().enumerate().map(look).collect());
+        drop(colours);
         let mut seen = Self { filtered, look };
+        if let Some(sigmas) = source.load_sigma(view).map_err(FuseError::loading(view))? {
+            expect_sizes(view, size, &[("a map of standard deviations", Some(sigmas.size()))])?;
+            seen.set_sigmas(&sigmas);
+        }
         seen.complete();
         Ok(seen)
     }
@@ -126,6 +122,14 @@ impl SeenView {
     /// Bytes held in memory.
     pub fn bytes(&self) -> usize {
         self.filtered.bytes() + self.filtered.size().area() * size_of::<Look>()
+    }
+
+    /// Notes the standard deviations of the depths, scene units, as shares of them.
+    fn set_sigmas(&mut self, sigmas: &Grid<f32>) {
+        let samples = self.filtered.samples.data();
+        for ((look, sigma), sample) in self.look.data_mut().iter_mut().zip(sigmas.data()).zip(samples) {
+            look.paint = look.paint.with_sigma(sigma * sample.inverse_depth());
+        }
     }
 
     /// Finds the normals that are not given, and the pixels that are not at an edge.
@@ -167,7 +171,7 @@ mod tests {
     #[test]
     fn a_standard_deviation_is_kept_to_six_per_cent_beside_the_colour() {
         let colour = [200, 3, 255];
-        for sigma in [1.0, 0.3, 0.01, 2.5e-4, 1e-6] {
+        for sigma in [1.0, 0.99, 0.3, 0.01, 2.5e-4, 2e-5] {
             let paint = Paint::at_edge(colour).with_sigma(sigma).inner();
             assert!((paint.sigma() / sigma - 1.0).abs() < 0.06, "{sigma}: {}", paint.sigma());
             assert_eq!((paint.colour(), paint.is_inner()), ([200.0, 3.0, 255.0], true));
@@ -175,6 +179,7 @@ mod tests {
         for unknown in [0.0, -1.0, f32::NAN] {
             assert_eq!(Paint::at_edge(colour).with_sigma(unknown).sigma(), 0.0);
         }
-        assert_eq!(Paint::at_edge(colour).with_sigma(7.0).sigma(), 1.0);
+        let of = |sigma: f32| Paint::at_edge(colour).with_sigma(sigma).sigma();
+        assert_eq!((of(7.0), of(1e-9)), (of(1.0), of(2e-5)));
     }
 }

@@ -108,7 +108,8 @@ fn samples(field: &Field, segments: &Segments, block: usize) -> Vec<(usize, usiz
     let (column, row) = (block % segments.blocks().width, block / segments.blocks().width);
     let step = BLOCK / SAMPLES;
     let at = |first: usize, number: usize| first * BLOCK + number * step + step / 2;
-    let places = (0..SAMPLES * SAMPLES).map(|at_| (at(column, at_ % SAMPLES), at(row, at_ / SAMPLES)));
+    let places =
+        (0..SAMPLES * SAMPLES).map(|number| (at(column, number % SAMPLES), at(row, number / SAMPLES)));
     let size = field.size();
     places.filter(|&(x, y)| x < size.width && y < size.height && field.at(x, y).plane.w > 0.0).collect()
 }
@@ -144,8 +145,7 @@ fn take(field: &mut Field, matcher: &Matcher, segments: &Segments, taken: &[(usi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RefineOptions;
-    use crate::{Problem, solve};
+    use crate::{Problem, RefineOptions, solve};
     use nalgebra::Vector3;
     use vamvs_core::{Intrinsics, Photo, Pinhole, Pose, Size};
 

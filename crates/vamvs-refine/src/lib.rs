@@ -61,7 +61,7 @@ use sweep::sweep_from;
 
 /// What refining takes for each pixel that is refined at once, bytes: planes, and images of the reference view and its
 /// sources.
-const BYTES_PER_PIXEL: u64 = 230;
+const BYTES_PER_PIXEL: u64 = 236;
 
 /// What the result takes for each pixel, bytes: depth, confidence, standard deviation and normal.
 const RESULT_BYTES: u64 = 24;

@@ -170,6 +170,7 @@ fn pixel(
     let confidence = confidence::of(&features);
     let matched = variance_of(state.variance, pixel.step).sqrt() as f32 / (plane.w * plane.w);
     let depth = 1.0 / plane.w;
-    let sigma = matched.hypot(DOUBT * (1.0 - confidence) * depth).min(depth);
+    let doubtful = DOUBT * (1.0 - confidence) * depth;
+    let sigma = (matched * matched + doubtful * doubtful).sqrt().min(depth);
     Some(Outcome { depth, confidence, sigma, normal: normal.cast::<f32>().into() })
 }

@@ -21,6 +21,11 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     settings.use_threads()?;
     settings.apply_export(&arguments.export);
     let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
+    if settings::given_scene(&arguments.input)?.is_none() && arguments.input.images.is_some() {
+        bail!(
+            "--images needs the scene that the photographs are of: give its cameras too, as with --cams or --colmap"
+        );
+    }
     let folder = (arguments.depths.as_path(), settings.export.png_step);
     let masks = settings::masks_of(&arguments.input)?;
     let maps = super::open_maps(folder, &arguments.input, masks, &mut |event| progress.show(event))?;

@@ -93,7 +93,7 @@ fn folder(folder: &Path) -> Result<Map<String, Value>> {
         return depth_maps(folder);
     }
     match capture::input(folder) {
-        Some(capture) => with_model(folder, capture::facts(capture)),
+        Some(capture) => capture::facts(capture).or_else(|error| unusable(folder, error)),
         None => model(&colmap::workspace::model(folder)?),
     }
 }
@@ -129,21 +129,12 @@ fn depth_maps(folder: &Path) -> Result<Map<String, Value>> {
     Ok(facts)
 }
 
-/// The facts of a capture with those of its model, if it is one of COLMAP; these alone, with why, if its photographs cannot be
-/// used.
-fn with_model(folder: &Path, facts: Result<Map<String, Value>>) -> Result<Map<String, Value>> {
-    let Ok(mut of_model) =
-        colmap::workspace::model(folder).map_err(anyhow::Error::from).and_then(|found| model(&found))
-    else {
-        return facts;
-    };
-    match facts {
-        Ok(facts) => of_model.extend(facts),
-        Err(error) => {
-            of_model.insert("warnings".to_owned(), vec![format!("{error:#}")].into());
-        }
-    }
-    Ok(of_model)
+/// The facts of a COLMAP model whose photographs cannot be used, with why; of other captures that is an error.
+fn unusable(folder: &Path, error: anyhow::Error) -> Result<Map<String, Value>> {
+    let Ok(found) = colmap::workspace::model(folder) else { return Err(error) };
+    let mut facts = model(&found)?;
+    facts.insert("warnings".to_owned(), vec![format!("{error:#}")].into());
+    Ok(facts)
 }
 
 fn model(folder: &Path) -> Result<Map<String, Value>> {

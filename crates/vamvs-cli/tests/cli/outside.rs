@@ -81,6 +81,8 @@ fn what_is_missing_is_told_with_what_was_sought() {
     let run = |arguments: &[&str]| vamvs().arg("fuse").arg(&folder).args(arguments).output().unwrap();
     let error = error_of(&run(&[]));
     assert!(error.contains("cams/") && error.contains("--colmap"), "{error}");
+    let error = error_of(&run(&["--images", scene.path("images").to_str().unwrap()]));
+    assert!(error.contains("--images needs the scene"), "{error}");
     std::fs::remove_file(folder.join("0002.npy")).unwrap();
     let output = fuse(&scene, &folder, &[]);
     expect_success(&output);

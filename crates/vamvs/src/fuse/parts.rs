@@ -19,7 +19,7 @@ use crate::photographs::hash_file;
 use crate::{Event, ExportOptions, FusionOptions, Maps, VamvsError};
 
 /// Increased whenever a change gives other part files for the same depth maps.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 /// A fusion that is done in parts.
 pub struct PartialFusion<'a> {
