@@ -93,7 +93,8 @@ fn depth_maps_and_cloud_in_memory_are_those_of_the_files() {
     assert_eq!((cloud.len() as u64, cloud.len()), (done.fusion.points, of_files.len()));
     // This PLY file stores positions in single precision, coordinates are below 2.
     let same_place = |a: [f64; 3], b: [f64; 3]| a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1.2e-7);
-    let same = |a: &CloudPoint, b: &CloudPoint| same_place(a.x_in_world, b.x_in_world) && a.colour == b.colour;
+    let same =
+        |a: &CloudPoint, b: &CloudPoint| same_place(a.x_in_world, b.x_in_world) && a.colour == b.colour;
     assert!(cloud.iter().zip(&of_files).all(|(a, b)| same(a, b)));
     // A map that the program adds itself lists no neighbours. It takes part in fusion all the same.
     let mut mixed = maps;

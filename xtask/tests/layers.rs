@@ -7,7 +7,7 @@ use serde_json::Value;
 /// The layers, lowest first. A crate may use crates of lower layers, and none of its own or a higher one.
 const LAYERS: [&[&str]; 7] = [
     &["vamvs-core", "vamvs-weights"],
-    &["vamvs-io", "vamvs-fusion", "vamvs-eval", "vamvs-corr", "vamvs-net", "vamvs-refine"],
+    &["vamvs-io", "vamvs-fusion", "vamvs-eval", "vamvs-corr", "vamvs-mesh", "vamvs-net", "vamvs-refine"],
     &["vamvs-picture"],
     &["vamvs-synth", "vamvs-train"],
     &["vamvs"],

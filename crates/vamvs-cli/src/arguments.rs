@@ -5,6 +5,7 @@ mod calibrate;
 mod eval;
 mod fusion;
 mod input;
+mod mesh;
 mod refine;
 mod synth;
 mod tasks;
@@ -29,6 +30,7 @@ pub use eval::{
 };
 pub use fusion::{FusionFlags, Preset};
 pub use input::InputFlags;
+pub use mesh::{MeshArguments, MeshFlags};
 pub use refine::RefineArguments;
 pub use synth::{AssetFlags, SynthArguments};
 pub use tasks::{DepthCommand, DepthStepFlags, DepthTask, TasksArguments};
@@ -63,6 +65,9 @@ pub enum Command {
     /// Fuse depth maps into one cloud.
     #[command(after_help = FUSE_EXAMPLES)]
     Fuse(FuseArguments),
+    /// Make a triangle mesh of depth maps.
+    #[command(after_help = mesh::EXAMPLES)]
+    Mesh(MeshArguments),
     /// Write a report of a run: depth maps, cameras, cloud, and the pixels that each filter removed.
     #[command(
         after_help = "Example:\n  vamvs report out        writes out/report.html, for any browser, offline too"
@@ -168,6 +173,9 @@ pub struct ReconstructArguments {
     /// Fusion.
     #[command(flatten)]
     pub fusion: FusionFlags,
+    /// Also make a triangle mesh, OUT/mesh.ply, as `vamvs mesh` does.
+    #[arg(long)]
+    pub mesh: bool,
     /// Exports for other programs.
     #[command(flatten)]
     pub export: ExportFlags,

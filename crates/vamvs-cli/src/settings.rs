@@ -8,9 +8,10 @@ use serde::{Deserialize, Serialize};
 use vamvs::core::Roi;
 use vamvs::fusion::{Consistency, FuseOptions};
 use vamvs::io::mvsnet::{DepthLine, PixelCentre};
+use vamvs::meshing::MeshOptions;
 use vamvs::{DepthOptions, ExportOptions, FusionOptions, Quality, Stretching};
 
-use crate::arguments::{CommonFlags, ExportFlags, FusionFlags, Preset};
+use crate::arguments::{CommonFlags, ExportFlags, FusionFlags, MeshFlags, Preset};
 
 /// All settings of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -28,6 +29,8 @@ pub struct Settings {
     pub depth: DepthOptions,
     /// How depth maps become a cloud.
     pub fusion: FusionOptions,
+    /// How depth maps become a mesh.
+    pub mesh: MeshOptions,
     /// Exports for other programs.
     pub export: ExportOptions,
 }
@@ -108,6 +111,13 @@ impl Settings {
     pub fn save(&self, path: &Path) -> Result<()> {
         let text = toml::to_string_pretty(self).context("the settings cannot be written as TOML")?;
         Ok(vamvs::io::atomic::write(path, |out| out.write_all(text.as_bytes()))?)
+    }
+
+    /// Lets flags of meshing win.
+    pub fn apply_mesh(&mut self, flags: &MeshFlags) {
+        set(&mut self.mesh.cell, flags.cell);
+        set(&mut self.mesh.min_triangles, flags.min_triangles);
+        set(&mut self.mesh.triangles, flags.triangles.map(Some));
     }
 
     /// Lets fusion flags win.

@@ -19,6 +19,7 @@ mod jpeg;
 mod locate;
 pub mod masks;
 pub mod mat;
+pub mod mesh;
 pub mod mvsnet;
 mod names;
 pub mod nerfstudio;

@@ -25,6 +25,8 @@ pub(crate) struct State {
     pub best: Views,
     /// Whether no Gauss–Newton step is due: the last one was negligible or did not lower the energy, or it was the only one.
     pub settled: bool,
+    /// Whether neither the seed nor the photographs tell its depth, so that it is of no plane.
+    pub unfounded: bool,
 }
 
 impl State {
@@ -36,7 +38,7 @@ impl State {
     /// A plane with its energy, not settled yet.
     pub fn new(plane: Plane, judged: Judged) -> Self {
         let Judged { energy, correlation, best } = judged;
-        Self { plane, energy, correlation, variance: UNKNOWN, best, settled: false }
+        Self { plane, energy, correlation, variance: UNKNOWN, best, ..Self::default() }
     }
 
     /// Whether the plane is the mean of its neighbours' and was not matched itself.

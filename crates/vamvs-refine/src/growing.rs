@@ -103,7 +103,7 @@ fn taker(
     (best.0 < current).then_some(best.1)
 }
 
-/// Pixels of a block that have a depth, on a grid.
+/// Pixels of a block whose depths are founded, on a grid.
 fn samples(field: &Field, segments: &Segments, block: usize) -> Vec<(usize, usize)> {
     let (column, row) = (block % segments.blocks().width, block / segments.blocks().width);
     let step = BLOCK / SAMPLES;
@@ -111,7 +111,8 @@ fn samples(field: &Field, segments: &Segments, block: usize) -> Vec<(usize, usiz
     let places =
         (0..SAMPLES * SAMPLES).map(|number| (at(column, number % SAMPLES), at(row, number / SAMPLES)));
     let size = field.size();
-    places.filter(|&(x, y)| x < size.width && y < size.height && field.at(x, y).plane.w > 0.0).collect()
+    let counts = |state: &State| state.plane.w > 0.0 && !state.unfounded;
+    places.filter(|&(x, y)| x < size.width && y < size.height && counts(field.at(x, y))).collect()
 }
 
 /// How well a plane matches at a pixel, whatever its seed.
@@ -130,7 +131,7 @@ fn take(field: &mut Field, matcher: &Matcher, segments: &Segments, taken: &[(usi
     for colour in 0..2 {
         field.update(colour, |_, x, y, state| {
             let Some(segment) = of_block[y / BLOCK * blocks.width + x / BLOCK] else { return };
-            if state.plane.w <= 0.0 {
+            if state.plane.w <= 0.0 || state.unfounded {
                 return;
             }
             let plane = segments.plane(segment, (x, y));

@@ -25,6 +25,7 @@ mod isa;
 mod luminance;
 mod matcher;
 mod options;
+mod outside;
 mod planar_prior;
 mod plane;
 mod plane_fit;
@@ -66,8 +67,11 @@ const BYTES_PER_PIXEL: u64 = 236;
 /// What the result takes for each pixel, bytes: depth, confidence, standard deviation and normal.
 const RESULT_BYTES: u64 = 24;
 
-/// The correlation from which photographs alone tell a depth, where the seed has none.
+/// The correlation from which photographs alone tell a depth.
 const FOUNDED: f32 = 0.5;
+
+/// The confidence from which a seed tells a depth.
+const LEAST_SEED: f32 = 0.05;
 
 /// The inputs of a refinement.
 #[derive(Clone, Copy)]
@@ -177,7 +181,6 @@ fn refined_whole(problem: &Problem<'_>, seed: &DepthMap) -> Refined {
         let plane = guess.trusted().enlarged(ratio as f32, cell, (x, y));
         (plane, confidence::UNMATCHED * guess.confidence.max(0.0))
     };
-    drop_unfounded(&mut field, |x, y| seed(x, y).0.w > 0.0);
     finish(&mut field, &matcher, seed);
     let camera = source::reduced(&reference.camera, solve::last_level(options));
     refined::refined((camera, reference.cam_from_world), &field, &matcher, seed)
@@ -289,19 +292,21 @@ fn check_size(what: &'static str, expected: Size, found: Size) -> Result<(), Ref
     if expected == found { Ok(()) } else { Err(RefineError::Size { what, expected, found }) }
 }
 
-/// Drops depths of which neither the seed nor the photographs tell anything, as in the sky, before planes are drawn over them.
-fn drop_unfounded(field: &mut Field, is_seeded: impl Fn(usize, usize) -> bool + Sync) {
+/// Marks depths of which neither the seed nor the photographs tell anything and that nothing encloses, as in the sky.
+fn mark_unfounded(field: &mut Field, seed_confidence: &(impl Fn(usize, usize) -> f32 + Sync)) {
+    let is_unfounded =
+        |x, y, state: &State| state.correlation < FOUNDED && seed_confidence(x, y) < LEAST_SEED;
+    let open = outside::reached(field.size(), |x, y| is_unfounded(x, y, field.at(x, y)));
     for colour in 0..2 {
         field.update(colour, |_, x, y, state| {
-            if state.correlation < FOUNDED && !is_seeded(x, y) {
-                *state = State::default();
-            }
+            state.unfounded = open.contains(x, y) && is_unfounded(x, y, state);
         });
     }
 }
 
 /// Lets the planes of segments grow and draws pixels to them, smooths planes, and gives speckles, small isolated pieces of surface, the seed's planes back.
-fn finish(field: &mut Field, matcher: &Matcher, seed: impl Fn(usize, usize) -> (Plane, f32)) {
+fn finish(field: &mut Field, matcher: &Matcher, seed: impl Fn(usize, usize) -> (Plane, f32) + Sync) {
+    mark_unfounded(field, &|x, y| seed(x, y).1);
     let mut steps = Grid::filled(field.size(), 0.0);
     steps.data_mut().par_chunks_exact_mut(field.size().width.max(1)).enumerate().for_each(|(y, row)| {
         for (x, step) in row.iter_mut().enumerate() {

@@ -20,7 +20,7 @@ pub(crate) fn apply(field: &mut Field, steps: &Grid<f32>) {
     for colour in 0..2 {
         field.update(colour, |_, x, y, state| {
             let (plane, step) = (state.plane, steps[(x, y)]);
-            if plane.w <= 0.0 {
+            if plane.w <= 0.0 || state.unfounded {
                 return;
             }
             let (w, own) = (f64::from(plane.w), variance_of(state.variance, step));

@@ -159,7 +159,7 @@ fn block(field: &Field, steps: &Grid<f32>, (column, row): (usize, usize)) -> Opt
     for y in row * BLOCK..((row + 1) * BLOCK).min(size.height) {
         for x in column * BLOCK..((column + 1) * BLOCK).min(size.width) {
             let (state, step) = (field.at(x, y), steps[(x, y)]);
-            if state.plane.w > 0.0 {
+            if state.plane.w > 0.0 && !state.unfounded {
                 let weight = 1.0 / variance_of(state.variance, step);
                 sums.add([x as f64, y as f64], f64::from(state.plane.w), weight, f64::from(step));
             }

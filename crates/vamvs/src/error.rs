@@ -12,6 +12,9 @@ pub enum VamvsError {
     /// Fusion.
     #[error(transparent)]
     Fuse(vamvs_fusion::FuseError),
+    /// Meshing.
+    #[error(transparent)]
+    Mesh(#[from] vamvs_mesh::MeshError),
     /// Refinement.
     #[error(transparent)]
     Refine(#[from] vamvs_refine::RefineError),

@@ -44,6 +44,13 @@ pub enum Event {
         /// How many there will be.
         total: usize,
     },
+    /// Meshing has filtered or taken in a view, or is done.
+    Mesh {
+        /// How many steps are done.
+        done: usize,
+        /// How many there will be.
+        total: usize,
+    },
     /// A view is drawn for the report.
     Report {
         /// How many views are done.

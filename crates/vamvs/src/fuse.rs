@@ -68,7 +68,7 @@ pub fn fuse(
 }
 
 /// The options with the least confidence as the depth maps express it, if it is given as the network's probability.
-fn with_own_confidence(maps: &Maps, options: &FusionOptions) -> Result<FusionOptions, VamvsError> {
+pub(crate) fn with_own_confidence(maps: &Maps, options: &FusionOptions) -> Result<FusionOptions, VamvsError> {
     let mut options = options.clone();
     if std::mem::take(&mut options.network_confidence) {
         options.filter.min_confidence = maps.confidence_at(options.filter.min_confidence)?;
@@ -105,7 +105,7 @@ fn write_cloud(
 
 /// Keeps other runs from the folder of depth maps, if vamvs made them: from writing to it or, if the cloud goes there, from
 /// using it at all. What a killed run has left there is removed then.
-fn lock(maps: &Maps, cloud: &Path) -> Result<Option<Lock>, VamvsError> {
+pub(crate) fn lock(maps: &Maps, cloud: &Path) -> Result<Option<Lock>, VamvsError> {
     let root = maps.root();
     if !is_claimed(root) {
         return Ok(None);
@@ -139,7 +139,7 @@ pub(crate) fn merge<S: MapSource + ?Sized>(
 }
 
 /// The memory for depth maps, bytes: what the limit leaves without the spare part.
-fn working_memory(limit: MemoryLimit) -> usize {
+pub(crate) fn working_memory(limit: MemoryLimit) -> usize {
     memory::give_back();
     let remaining = limit.remaining();
     (remaining - remaining / SPARE) as usize

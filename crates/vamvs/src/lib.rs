@@ -26,6 +26,7 @@ mod identity;
 pub mod input;
 pub mod maps;
 pub mod memory;
+pub mod mesh;
 mod method;
 pub mod options;
 pub mod output;
@@ -49,6 +50,7 @@ pub use fuse::{FuseSummary, PartialFusion, fuse};
 pub use input::Input;
 pub use maps::Maps;
 pub use memory::MemoryLimit;
+pub use mesh::{MeshSummary, mesh, mesh_of};
 #[cfg(feature = "torch")]
 pub use method::NetworkMethod;
 pub use method::{Method, VisCorr};
@@ -68,5 +70,6 @@ pub use vamvs_corr as corr;
 pub use vamvs_eval as measures;
 pub use vamvs_fusion as fusion;
 pub use vamvs_io as io;
+pub use vamvs_mesh as meshing;
 #[cfg(feature = "torch")]
 pub use vamvs_net as net;

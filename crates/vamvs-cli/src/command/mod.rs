@@ -8,6 +8,7 @@ mod eval;
 mod fuse;
 mod info;
 mod manual;
+mod mesh;
 mod pseudo;
 mod reconstruct;
 mod refine;
@@ -37,6 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Tasks(arguments) => tasks::run(arguments),
         Command::Refine(arguments) => refine::run(arguments),
         Command::Fuse(arguments) => fuse::run(arguments),
+        Command::Mesh(arguments) => mesh::run(arguments),
         Command::Synth(arguments) => synth::run(arguments),
         Command::Pseudo(arguments) => pseudo::run(arguments),
         #[cfg(feature = "torch")]

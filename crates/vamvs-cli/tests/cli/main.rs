@@ -14,6 +14,7 @@ mod exchange;
 mod fovea;
 mod fuse;
 mod info;
+mod mesh;
 mod outside;
 mod pseudo;
 mod refine;

@@ -108,7 +108,7 @@ fn read_vertices<T: PropertyAccess>(path: &Path) -> Result<Vec<T>, IoError> {
 
 /// Opens a PLY file and reads its header. Fails unless there are vertices with positions and the file is long enough
 /// for the elements that the header announces.
-fn open_vertices(path: &Path) -> Result<(Reader<BufReader<File>>, Header), IoError> {
+pub(super) fn open_vertices(path: &Path) -> Result<(Reader<BufReader<File>>, Header), IoError> {
     let (mut reader, length) = open(path)?;
     let header = Parser::<Skipped>::new().read_header(&mut reader).map_err(malformed(path))?;
     let begin = reader.get_mut().stream_position().map_err(IoError::system("read", path))?;
@@ -195,7 +195,7 @@ fn read_payload<T: PropertyAccess>(
 }
 
 /// The parser's error in this file, without what only its authors can read.
-fn malformed(path: &Path) -> impl FnOnce(ParseError) -> IoError {
+pub(super) fn malformed(path: &Path) -> impl FnOnce(ParseError) -> IoError {
     move |error| {
         let text = error.to_string();
         let Some(number) = error.line() else {

@@ -44,6 +44,12 @@ impl Coordinates {
         }
         let extent = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
         let largest = low.iter().chain(&high).map(|value| value.abs()).fold(0.0, f64::max);
+        Self::at_distance(largest, extent)
+    }
+
+    /// `Double` if the distance from the origin is more than 100 times the extent.
+    #[must_use]
+    pub fn at_distance(largest: f64, extent: f64) -> Self {
         if largest.is_finite() && largest > FAR_FROM_ORIGIN * extent { Self::Double } else { Self::Float }
     }
 

@@ -3,12 +3,16 @@
 use std::path::Path;
 
 use serde::Serialize;
+use vamvs_core::Cloud;
 use vamvs_eval::dtu::{DtuProtocol, DtuScores};
 use vamvs_eval::tnt::{TntProtocol, TntScores};
-use vamvs_eval::{CloudErrors, TooFine, compare_clouds};
+use vamvs_eval::{CloudErrors, TooFine, area, compare_clouds, samples};
 use vamvs_io::ply;
 
 use crate::VamvsError;
+
+/// The points on a mesh where no resolution is given.
+const A_MILLION: f64 = 1e6;
 
 /// How a cloud is measured.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,12 +46,23 @@ pub enum CloudScores {
 }
 
 impl CloudProtocol {
-    /// Measures the PLY file `cloud` against the PLY file `ground_truth`.
+    /// What is resolved; `None` if nothing tells.
+    fn resolution(&self) -> Option<f64> {
+        match self {
+            Self::Dtu(protocol) => Some(protocol.spacing),
+            Self::Tnt { protocol, .. } => Some(protocol.tau),
+            Self::Generic { thresholds } => thresholds.iter().copied().min_by(f64::total_cmp),
+        }
+    }
+
+    /// Measures the PLY file `cloud`, a cloud or a mesh, against the PLY file `ground_truth`.
     ///
     /// # Errors
     /// If a file cannot be read or has no points, or the clouds do not fit the protocol.
     pub fn scores(&self, cloud: &Path, ground_truth: &Path) -> Result<CloudScores, VamvsError> {
-        let (cloud, ground_truth) = (read(cloud)?, read(ground_truth)?);
+        let places = |points: Cloud| points.iter().map(|point| point.x_in_world).collect::<Vec<_>>();
+        let [cloud, ground_truth] =
+            [points(cloud, self.resolution())?, points(ground_truth, self.resolution())?].map(places);
         let refused = |error: TooFine| VamvsError::Request(error.to_string());
         Ok(match self {
             Self::Dtu(protocol) => CloudScores::Dtu(protocol.scores(&cloud, &ground_truth).map_err(refused)?),
@@ -67,8 +82,18 @@ impl CloudProtocol {
     }
 }
 
-fn read(path: &Path) -> Result<Vec<[f64; 3]>, VamvsError> {
-    let points = ply::read_positions(path)?;
+/// The points of a PLY file or, if it is a mesh, points on its triangles: half the resolution apart or, without one, a million.
+pub(super) fn points(path: &Path, resolution: Option<f64>) -> Result<Cloud, VamvsError> {
+    let (vertices, triangles) = ply::read_mesh(path)?;
+    let points = match triangles.is_empty() {
+        true => vertices.into_iter().filter(|point| point.x_in_world.iter().all(|x| x.is_finite())).collect(),
+        false => {
+            let spacing =
+                resolution.filter(|resolution| *resolution > 0.0).map(|resolution| resolution / 2.0);
+            let spacing = spacing.unwrap_or_else(|| (area(&vertices, &triangles) / A_MILLION).sqrt());
+            samples(&vertices, &triangles, spacing)
+        }
+    };
     match points.len() {
         0 => Err(VamvsError::Request(format!("{}: expected a cloud, found no points", path.display()))),
         _ => Ok(points),

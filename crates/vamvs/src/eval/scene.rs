@@ -7,7 +7,6 @@ use vamvs_core::{Cloud, DepthMap};
 use vamvs_eval::surface::{TrueMap, seen_twice};
 use vamvs_eval::{CloudDistances, CloudErrors, Threshold, thin};
 use vamvs_fusion::MapSource;
-use vamvs_io::ply;
 
 use super::depth::{DepthScene, SceneErrors, median_depth};
 use crate::VamvsError;
@@ -60,7 +59,7 @@ pub struct ComparedCloud {
 }
 
 impl SceneEvaluation {
-    /// Compares depth maps, and the PLY file `cloud` if it is given. Without `cloud_thresholds` those are 0.5 and 1 % of the
+    /// Compares depth maps, and the PLY file `cloud` if it is given, a cloud or a mesh. Without `cloud_thresholds` those are 0.5 and 1 % of the
     /// true depths' median.
     ///
     /// # Errors
@@ -83,13 +82,13 @@ impl SceneEvaluation {
 
 impl ComparedCloud {
     fn new(cloud: &Path, maps: &DepthScene, thresholds: &[CloudThreshold]) -> Result<Self, VamvsError> {
-        let cloud = ply::read(cloud)?;
         let ground_truth = maps.ground_truth();
         let ground_truth: Vec<DepthMap> =
             (0..ground_truth.len()).map(|view| ground_truth.depth_map(view)).collect::<Result<_, _>>()?;
         let thresholds = distances(thresholds, &ground_truth);
         let least = thresholds.first().copied().unwrap_or(0.0);
         let ground_truth = surface(&ground_truth, 0.5 * least)?;
+        let cloud = super::cloud::points(cloud, Some(least))?;
         let places: Vec<[f64; 3]> = cloud.iter().map(|point| point.x_in_world).collect();
         let distances = CloudDistances::between(&places, &ground_truth);
         Ok(Self { cloud, ground_truth, distances, thresholds })

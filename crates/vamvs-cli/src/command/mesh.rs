@@ -1,0 +1,49 @@
+//! `vamvs mesh`: depth maps to a triangle mesh.
+
+use std::path::Path;
+
+use anyhow::Result;
+use serde_json::json;
+use vamvs::{Maps, MeshSummary};
+
+use crate::arguments::MeshArguments;
+use crate::progress::Progress;
+use crate::settings::{self, Settings, roi, set};
+
+/// Runs the command.
+pub fn run(arguments: &MeshArguments) -> Result<()> {
+    let mut settings = Settings::load(&arguments.common)?;
+    settings.apply_fusion(&arguments.fusion);
+    settings.apply_mesh(&arguments.mesh);
+    set(&mut settings.fusion.roi, roi(arguments.roi.as_deref())?.map(Some));
+    settings.use_threads()?;
+    let progress = Progress::of(&arguments.common);
+    let folder = (arguments.depths.as_path(), settings.export.png_step);
+    let masks = settings::masks_of(&arguments.input)?;
+    let maps = super::open_maps(folder, &arguments.input, masks, &mut |event| progress.show(event))?;
+    super::expect_masks(arguments.input.masks.as_deref(), &maps.scene().views)?;
+    let file = arguments.out.clone().unwrap_or_else(|| maps.root().join("mesh.ply"));
+    let made = make(&maps, &file, &settings, &progress)?;
+    progress.finish();
+    if arguments.common.json {
+        say!("{}", as_json(&made));
+    } else {
+        say!("{}", made.file.display());
+    }
+    Ok(())
+}
+
+/// Makes and writes the mesh, and says how large it is.
+pub fn make(maps: &Maps, file: &Path, settings: &Settings, progress: &Progress) -> Result<MeshSummary> {
+    let wanted = (&settings.mesh, &settings.fusion);
+    let made = vamvs::mesh(maps, file, wanted, &mut |event| progress.show(event))?;
+    let MeshSummary { vertices, triangles, time, .. } = &made;
+    progress.say(&format!("mesh: {vertices} vertices, {triangles} triangles, {:.1} s", time.as_secs_f64()));
+    Ok(made)
+}
+
+/// The summary for scripts.
+pub fn as_json(made: &MeshSummary) -> serde_json::Value {
+    let MeshSummary { file, vertices, triangles, time, .. } = made;
+    json!({"mesh": file, "vertices": vertices, "triangles": triangles, "seconds": time.as_secs_f64()})
+}

@@ -1,0 +1,191 @@
+//! Makes a mesh a manifold: no more than two triangles at an edge, and one fan of them at a vertex.
+//!
+//! Where two parts of a surface touch along an edge or at a vertex of the grid, they share vertices. Here each gets its
+//! own (Guéziec et al., "Cutting and stitching").
+
+use std::f32::consts::TAU;
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use vamvs_core::Mesh;
+
+/// A side of a triangle: its lower and upper vertex, and its number, 3 × triangle + place.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Side {
+    vertices: [u32; 2],
+    number: u32,
+}
+
+/// Gives parts of a surface that only touch vertices of their own.
+pub(crate) fn separate(mesh: &mut Mesh) {
+    part_fans(mesh);
+    while divide_double_edges(mesh) {}
+}
+
+/// The sides of all triangles, those at one edge together.
+fn sides(mesh: &Mesh) -> Vec<Side> {
+    let vertex = |number: u32| mesh.triangles[number as usize / 3][number as usize % 3];
+    let side = |number: u32| {
+        let [a, b] = [vertex(number), vertex(next(number))];
+        Side { vertices: [a.min(b), a.max(b)], number }
+    };
+    let mut sides: Vec<Side> = (0..3 * mesh.triangles.len() as u32).into_par_iter().map(side).collect();
+    sides.par_sort_unstable();
+    sides
+}
+
+/// Gives each fan of triangles around a vertex a vertex of its own.
+fn part_fans(mesh: &mut Mesh) {
+    let sides = sides(mesh);
+    let mut fans = Fans { parents: (0..sides.len() as u32).collect() };
+    for edge in sides.chunk_by(|a, b| a.vertices == b.vertices) {
+        let pairs = match edge {
+            [a, b] => vec![[a.number, b.number]],
+            [_] => Vec::new(),
+            _ => pairs(mesh, edge),
+        };
+        for [a, b] in pairs {
+            // The sides run in opposite directions.
+            fans.join(a, next(b));
+            fans.join(next(a), b);
+        }
+    }
+    let mut owner = vec![u32::MAX; mesh.positions.len()];
+    let mut copies: Vec<u32> = Vec::new();
+    for corner in 0..sides.len() as u32 {
+        let fan = fans.find(corner);
+        if fan != corner {
+            continue;
+        }
+        // The first corner of each fan but a vertex' first makes a copy of the vertex.
+        let vertex = mesh.triangles[corner as usize / 3][corner as usize % 3] as usize;
+        if owner[vertex] == u32::MAX {
+            owner[vertex] = corner;
+        } else {
+            copies.push(corner);
+        }
+    }
+    let first = mesh.positions.len() as u32;
+    for &corner in &copies {
+        let vertex = mesh.triangles[corner as usize / 3][corner as usize % 3];
+        mesh.positions.push(mesh.positions[vertex as usize]);
+    }
+    for corner in 0..sides.len() as u32 {
+        if let Ok(copy) = copies.binary_search(&fans.find(corner)) {
+            mesh.triangles[corner as usize / 3][corner as usize % 3] = first + copy as u32;
+        }
+    }
+}
+
+/// Divides edges at which more than two triangles meet although both their vertices have one fan: all but one pair of
+/// triangles get a vertex in the middle. Returns whether there were any.
+fn divide_double_edges(mesh: &mut Mesh) -> bool {
+    let sides = sides(mesh);
+    let double = sides.chunk_by(|a, b| a.vertices == b.vertices).filter(|edge| edge.len() > 2);
+    let divided: Vec<Vec<u32>> = double.flat_map(|edge| groups(mesh, edge).into_iter().skip(1)).collect();
+    let mut is_touched = vec![false; mesh.triangles.len()];
+    for group in &divided {
+        if group.iter().any(|&side| std::mem::replace(&mut is_touched[side as usize / 3], true)) {
+            continue;
+        }
+        let ends = [group[0], next(group[0])]
+            .map(|corner| mesh.triangles[corner as usize / 3][corner as usize % 3] as usize);
+        let middle = mesh.positions.len() as u32;
+        let [a, b] = ends.map(|end| Vector3::from(mesh.positions[end]));
+        mesh.positions.push(((a + b) / 2.0).into());
+        for &corner in group {
+            let triangle = corner as usize / 3;
+            let mut second = mesh.triangles[triangle];
+            second[corner as usize % 3] = middle;
+            mesh.triangles[triangle][next(corner) as usize % 3] = middle;
+            mesh.triangles.push(second);
+        }
+    }
+    !divided.is_empty()
+}
+
+/// The corner behind this one in its triangle.
+fn next(corner: u32) -> u32 {
+    if corner % 3 == 2 { corner - 2 } else { corner + 1 }
+}
+
+/// The pairs of sides at an edge, and those that are left alone.
+fn groups(mesh: &Mesh, edge: &[Side]) -> Vec<Vec<u32>> {
+    let mut groups: Vec<Vec<u32>> = pairs(mesh, edge).iter().map(|pair| pair.to_vec()).collect();
+    let is_alone = |side: &&Side| !groups.iter().flatten().any(|&number| number == side.number);
+    let alone: Vec<Vec<u32>> = edge.iter().filter(is_alone).map(|side| vec![side.number]).collect();
+    groups.extend(alone);
+    groups
+}
+
+/// Pairs the sides at an edge of more than two triangles so that the inside between both is not crossed by another.
+fn pairs(mesh: &Mesh, edge: &[Side]) -> Vec<[u32; 2]> {
+    let position = |vertex: u32| Vector3::from(mesh.positions[vertex as usize]);
+    let [low, high] = edge[0].vertices.map(position);
+    let axis = (high - low).try_normalize(0.0).unwrap_or_else(Vector3::x);
+    let across = axis.cross(&if axis.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() });
+    let angle = |side: &Side| {
+        let opposite = next(next(side.number));
+        let vertex = mesh.triangles[opposite as usize / 3][opposite as usize % 3];
+        let arm = position(vertex) - low;
+        arm.dot(&axis.cross(&across)).atan2(arm.dot(&across))
+    };
+    let runs_up =
+        |side: &Side| mesh.triangles[side.number as usize / 3][side.number as usize % 3] == side.vertices[0];
+    let mut down: Vec<(f32, u32)> =
+        edge.iter().filter(|side| !runs_up(side)).map(|side| (angle(side), side.number)).collect();
+    let mut pairs = Vec::new();
+    for side in edge.iter().filter(|side| runs_up(side)) {
+        // The inside is to the right of a triangle that runs up, seen from above: at smaller angles.
+        let angle = angle(side);
+        let turn = |other: &(f32, u32)| (angle - other.0).rem_euclid(TAU);
+        let nearest = (0..down.len()).min_by(|&a, &b| turn(&down[a]).total_cmp(&turn(&down[b])));
+        if let Some(nearest) = nearest {
+            pairs.push([side.number, down.swap_remove(nearest).1]);
+        }
+    }
+    pairs
+}
+
+/// Corners of triangles that are around a vertex, by the lowest of them.
+struct Fans {
+    parents: Vec<u32>,
+}
+
+impl Fans {
+    fn find(&mut self, mut corner: u32) -> u32 {
+        while self.parents[corner as usize] != corner {
+            let parent = self.parents[corner as usize];
+            self.parents[corner as usize] = self.parents[parent as usize];
+            corner = parent;
+        }
+        corner
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.find(a), self.find(b));
+        self.parents[a.max(b) as usize] = a.min(b);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_tetrahedra_that_touch_in_an_edge_become_two() {
+        let positions = [[0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 1, 0], [-1, 0, 0], [-1, -1, 0]];
+        let positions = positions.map(|x: [i8; 3]| x.map(f32::from)).to_vec();
+        // Outwards, each with the edge from 0 to 1.
+        let tetrahedron = |a: u32, b: u32| [[0, b, a], [0, a, 1], [0, 1, b], [a, b, 1]];
+        let triangles = [tetrahedron(2, 3), tetrahedron(4, 5)].concat();
+        let mut mesh = Mesh { positions, triangles, ..Mesh::default() };
+        separate(&mut mesh);
+        assert_eq!(mesh.positions.len(), 8);
+        let used =
+            |half: &[[u32; 3]]| half.iter().flatten().copied().collect::<std::collections::BTreeSet<_>>();
+        let (one, other) = (used(&mesh.triangles[..4]), used(&mesh.triangles[4..]));
+        assert_eq!((one.len(), other.len()), (4, 4));
+        assert!(one.is_disjoint(&other));
+    }
+}

@@ -1,0 +1,60 @@
+//! Which regions of a photograph reach its border.
+
+use vamvs_core::Size;
+
+use crate::segments::{BLOCK, adjacent};
+
+/// Blocks of 8×8 pixels that are mostly of a kind, and from which others like them lead to the border.
+pub(crate) struct Reached {
+    blocks: Size,
+    is_reached: Vec<bool>,
+}
+
+impl Reached {
+    /// Whether a pixel is in such a block or beside one.
+    pub fn contains(&self, x: usize, y: usize) -> bool {
+        let block = y / BLOCK * self.blocks.width + x / BLOCK;
+        self.is_reached[block] || adjacent(block, self.blocks).any(|beside| self.is_reached[beside])
+    }
+}
+
+/// The blocks of pixels `is_of_kind` that reach the border of a photograph of this size.
+pub(crate) fn reached(size: Size, is_of_kind: impl Fn(usize, usize) -> bool) -> Reached {
+    let blocks = Size::new(size.width.div_ceil(BLOCK), size.height.div_ceil(BLOCK));
+    let is_mostly = |block: usize| {
+        let (left, top) = (block % blocks.width * BLOCK, block / blocks.width * BLOCK);
+        let (right, bottom) = ((left + BLOCK).min(size.width), (top + BLOCK).min(size.height));
+        let pixels = (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y)));
+        2 * pixels.filter(|&(x, y)| is_of_kind(x, y)).count() > (right - left) * (bottom - top)
+    };
+    let mut is_open: Vec<bool> = (0..blocks.area()).map(is_mostly).collect();
+    let mut is_reached = vec![false; blocks.area()];
+    let mut next: Vec<usize> = (0..blocks.width).collect();
+    while let Some(block) = next.pop() {
+        if std::mem::take(&mut is_open[block]) {
+            is_reached[block] = true;
+            next.extend(adjacent(block, blocks));
+        }
+    }
+    Reached { blocks, is_reached }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_reaches_the_border_is_found_and_what_is_enclosed_is_not() {
+        let size = Size::new(100, 60);
+        let is_sky = |x: usize, y: usize| y < 24 && x < 48;
+        let is_table = |x: usize, y: usize| (16..40).contains(&y) && (64..88).contains(&x);
+        let open = reached(size, |x, y| is_sky(x, y) || is_table(x, y));
+        assert!(open.contains(0, 0) && open.contains(47, 23) && open.contains(50, 10));
+        assert!(
+            !open.contains(75, 30)
+                && !open.contains(64, 16)
+                && !open.contains(57, 10)
+                && !open.contains(20, 50)
+        );
+    }
+}
