@@ -19,7 +19,9 @@ struct Side {
 /// Gives parts of a surface that only touch vertices of their own.
 pub(crate) fn separate(mesh: &mut Mesh) {
     part_fans(mesh);
-    while divide_double_edges(mesh) {}
+    while divide_double_edges(mesh) {
+        part_fans(mesh);
+    }
 }
 
 /// The sides of all triangles, those at one edge together.

@@ -302,7 +302,7 @@ impl Extractor<'_> {
         if (low < 0.0) == (high < 0.0) {
             return;
         }
-        let mut corners = [0; 4];
+        let mut corners = [(0, Vector3::zeros()); 4];
         let mut is_first = true;
         for (corner, offset) in corners.iter_mut().zip([[0, 0], [-1, 0], [-1, -1], [0, -1]]) {
             let mut inside = begin;
@@ -315,12 +315,13 @@ impl Extractor<'_> {
             }
             is_first &= level > brick.level;
             let Some(vertex) = self.vertex(other, begin, end) else { return };
-            *corner = vertex;
+            *corner =
+                (vertex, self.all[other.brick].positions[(vertex - self.all[other.brick].first) as usize]);
         }
         if low >= 0.0 {
             corners.reverse();
         }
-        self.add_polygon(corners, triangles);
+        Self::add_polygon(corners, triangles);
     }
 
     /// The cell that contains a finest cell, near another cell.
@@ -352,16 +353,11 @@ impl Extractor<'_> {
     }
 
     /// Adds a polygon of three or four corners, two of which may be the same, cut at its shorter diagonal.
-    fn add_polygon(&self, corners: [u32; 4], triangles: &mut Vec<[u32; 3]>) {
-        let [a, b, c, d] = corners;
-        let length = |a: u32, b: u32| (self.position(a) - self.position(b)).norm_squared();
-        let cut = if length(a, c) <= length(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
+    fn add_polygon(corners: [(u32, Vector3<f64>); 4], triangles: &mut Vec<[u32; 3]>) {
+        let [a, b, c, d] = corners.map(|corner| corner.0);
+        let length = |a: usize, b: usize| (corners[a].1 - corners[b].1).norm_squared();
+        let cut = if length(0, 2) <= length(1, 3) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
         triangles.extend(cut.into_iter().filter(|[a, b, c]| a != b && b != c && a != c));
-    }
-
-    fn position(&self, vertex: u32) -> Vector3<f64> {
-        let brick = self.all.partition_point(|vertices| vertices.first <= vertex) - 1;
-        self.all[brick].positions[(vertex - self.all[brick].first) as usize]
     }
 }
 

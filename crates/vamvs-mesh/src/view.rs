@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
-use vamvs_core::{Grid, Pinhole, Pose, Rgb, Size};
+use vamvs_core::{Grid, Intrinsics, Pinhole, Pose, Rgb, Size};
 
 use crate::{MeshError, MeshView};
 
@@ -85,7 +85,7 @@ impl Surface {
     }
 
     fn normal(self) -> Vector3<f32> {
-        let [x, y, z] = self.normal.map(|x| f32::from(x) / 127.0);
+        let [x, y, z] = self.normal.map(|x| f32::from(x) * (1.0 / 127.0));
         Vector3::new(x, y, z)
     }
 
@@ -109,6 +109,7 @@ pub(crate) struct Opinion {
 pub(crate) struct SeenView {
     pub cam_from_world: Pose,
     camera: Pinhole,
+    rays: Rays,
     surfaces: Grid<Surface>,
     colours: Grid<Rgb>,
     /// The largest depth of each tile of 16×16 pixels, 0 where there is none.
@@ -122,7 +123,7 @@ impl SeenView {
     pub fn new(number: usize, view: MeshView, near: f32) -> Result<Self, MeshError> {
         view.check(number)?;
         let MeshView { camera, cam_from_world, depth, confirmed, sigma, normals, colour } = view;
-        let rotation = cam_from_world.rotation.cast::<f32>();
+        let (rays, rotation) = (Rays::new(&camera), cam_from_world.rotation.cast::<f32>());
         let given = |place: (usize, usize)| given_normal(normals.as_ref()?, &rotation, place);
         let size = depth.size();
         let mut surfaces = Grid::filled(size, Surface::default());
@@ -133,13 +134,13 @@ impl SeenView {
                     continue;
                 }
                 let normal = given((x, y)).or_else(|| derived_normal(&camera, &depth, (x, y)));
-                let normal = normal.unwrap_or_else(|| -ray(&camera, (x, y)).normalize());
+                let normal = normal.unwrap_or_else(|| -rays.of((x, y)).normalize());
                 let sigma = sigma.as_ref().map_or(0.0, |sigma| sigma[(x, y)]);
-                *surface = Surface::new(z, normal, sigma.max(0.0) / pixel_size(&camera, z));
+                *surface = Surface::new(z, normal, sigma.max(0.0) / rays.pixel_size(z));
             }
         });
         let farthest = Grid::filled(Size::new(0, 0), 0.0);
-        let mut view = Self { cam_from_world, camera, surfaces, colours: colour, farthest, near };
+        let mut view = Self { cam_from_world, camera, rays, surfaces, colours: colour, farthest, near };
         if let Some(confirmed) = confirmed {
             view.fill_unconfirmed(&confirmed);
         }
@@ -155,9 +156,9 @@ impl SeenView {
     /// The place in the world of what a pixel sees, and the pixel's size on it, scene units.
     pub fn point(&self, (x, y): (usize, usize)) -> Option<(Vector3<f64>, f64)> {
         let depth = self.surfaces[(x, y)].depth;
-        let x_in_cam = ray(&self.camera, (x, y)).cast::<f64>() * f64::from(depth);
+        let x_in_cam = self.rays.of((x, y)).cast::<f64>() * f64::from(depth);
         let x_in_world = self.cam_from_world.rotation.tr_mul(&(x_in_cam - self.cam_from_world.translation));
-        (depth > 0.0).then(|| (x_in_world, f64::from(pixel_size(&self.camera, depth))))
+        (depth > 0.0).then(|| (x_in_world, f64::from(self.rays.pixel_size(depth))))
     }
 
     /// Whether the view may say something of places in a ball.
@@ -184,7 +185,7 @@ impl SeenView {
 
     /// How far behind a surface a view may say something, as a share of the depth: twice the widest band, seen obliquely.
     fn widest_share(&self) -> f32 {
-        2.0 * WIDEST_BAND * pixel_size(&self.camera, 1.0) * 12.0
+        2.0 * WIDEST_BAND * self.rays.pixel_size(1.0) * 12.0
     }
 
     /// What the view says of a place in its own frame.
@@ -199,8 +200,9 @@ impl SeenView {
         let band = band(pixel, sigma);
         let doubt = LEAST_SIGMA * pixel;
         // Of two surfaces that meet in a corner, the nearer one tells.
-        let nearness = 1.0 / (1.0 + (distance.clamp(-band, band) / pixel).powi(2));
-        let certainty = nearness / (sigma * sigma + doubt * doubt);
+        let (distance_in_band, pixels) = (distance.clamp(-band, band), pixel * pixel);
+        let certainty =
+            pixels / ((pixels + distance_in_band * distance_in_band) * (sigma * sigma + doubt * doubt));
         let jump = if surface.is_at_jump() { JUMP_WEIGHT } else { 1.0 };
         let weight = if distance >= band {
             // Seen through, unless another surface's pixel is beside this one.
@@ -216,7 +218,7 @@ impl SeenView {
             0.0
         };
         Opinion {
-            distance: distance.clamp(-band, band),
+            distance: distance_in_band,
             weight: weight * certainty,
             is_near: distance.abs() <= self.near * pixel,
         }
@@ -233,7 +235,7 @@ impl SeenView {
         if distance.abs() > band(pixel, sigma) {
             return None;
         }
-        let direction = ray(&self.camera, place).normalize();
+        let direction = self.rays.of(place).normalize();
         let cosine = -surface.normal().dot(&direction);
         let jump = if surface.is_at_jump() { 0.01 } else { 1.0 };
         let weight = jump * (cosine / pixel).powi(2);
@@ -244,8 +246,8 @@ impl SeenView {
     /// deviation of the depth, scene units.
     #[inline]
     fn distance(&self, surface: Surface, place: (usize, usize), x: &Vector3<f64>) -> (f32, f32, f32) {
-        let on_surface = ray(&self.camera, place) * surface.depth;
-        let pixel = pixel_size(&self.camera, surface.depth);
+        let on_surface = self.rays.of(place) * surface.depth;
+        let pixel = self.rays.pixel_size(surface.depth);
         (surface.normal().dot(&(x.cast::<f32>() - on_surface)), pixel, surface.sigma() * pixel)
     }
 
@@ -255,7 +257,8 @@ impl SeenView {
         if x.z <= 0.0 {
             return None;
         }
-        let (u, v) = (intrinsics.fx * x.x / x.z + intrinsics.cx, intrinsics.fy * x.y / x.z + intrinsics.cy);
+        let w = 1.0 / x.z;
+        let (u, v) = (intrinsics.fx * (x.x * w) + intrinsics.cx, intrinsics.fy * (x.y * w) + intrinsics.cy);
         let size = self.size();
         let is_inside = u >= 0.0 && v >= 0.0 && u < size.width as f64 && v < size.height as f64;
         is_inside.then_some((u as usize, v as usize))
@@ -285,7 +288,7 @@ impl SeenView {
         let size = self.size();
         let (mut depths, mut normals, mut squares) = ([0.0_f32; 2], Vector3::zeros(), 0.0_f32);
         let mut quadrants = [false; 4];
-        let direction = ray(&self.camera, (x, y));
+        let direction = self.rays.of((x, y));
         let around = |at: usize, length: usize| {
             let first = at as isize - (step * REACH) as isize;
             let places = (0..=2 * REACH).map(move |number| first + (number * step) as isize);
@@ -299,7 +302,7 @@ impl SeenView {
                 if surface.depth <= 0.0 || facing > LEAST_FACING {
                     continue;
                 }
-                let depth = normal.dot(&ray(&self.camera, (column, row))) * surface.depth / facing;
+                let depth = normal.dot(&self.rays.of((column, row))) * surface.depth / facing;
                 let squared = (column.abs_diff(x).pow(2) + row.abs_diff(y).pow(2)) as f32;
                 let weight = 1.0 / (((step * step) as f32 + squared) * (0.25 + surface.sigma().powi(2)));
                 depths = [depths[0] + weight * depth, depths[1] + weight];
@@ -312,16 +315,16 @@ impl SeenView {
             return None;
         }
         let depth = depths[0] / depths[1];
-        let spread = (squares / depths[1] - depth * depth).max(0.0).sqrt() / pixel_size(&self.camera, depth);
+        let spread = (squares / depths[1] - depth * depth).max(0.0).sqrt() / self.rays.pixel_size(depth);
         let normal = normals.try_normalize(0.0)?;
         (spread * -normal.dot(&direction) < SPREAD).then(|| Surface::new(depth, normal, DOUBT))
     }
 
     /// The distance of what a pixel sees from the tangent plane of what another sees, sizes of a pixel.
     fn distance_between(&self, place: (usize, usize), other: (usize, usize)) -> f32 {
-        let at = |place: (usize, usize)| ray(&self.camera, place) * self.surfaces[place].depth;
+        let at = |place: (usize, usize)| self.rays.of(place) * self.surfaces[place].depth;
         let surface = self.surfaces[other];
-        surface.normal().dot(&(at(place) - at(other))).abs() / pixel_size(&self.camera, surface.depth)
+        surface.normal().dot(&(at(place) - at(other))).abs() / self.rays.pixel_size(surface.depth)
     }
 
     /// Marks pixels beside which another surface is seen.
@@ -373,17 +376,36 @@ fn band(pixel: f32, sigma: f32) -> f32 {
     (BAND_SIGMAS * sigma).clamp(BAND_PIXELS * pixel, WIDEST_BAND * pixel)
 }
 
-/// The size of a pixel at a depth, scene units.
-fn pixel_size(camera: &Pinhole, depth: f32) -> f32 {
-    depth / (0.5 * (camera.intrinsics.fx + camera.intrinsics.fy)) as f32
+/// The rays through the centres of pixels.
+#[derive(Clone, Copy)]
+struct Rays {
+    /// What a pixel to the right and one below add to a ray.
+    step: [f32; 2],
+    /// The ray of the first pixel.
+    first: [f32; 2],
+    /// The size of a pixel at depth 1.
+    pixel: f32,
 }
 
-/// The ray through the centre of a pixel, at depth 1.
-#[inline]
-fn ray(camera: &Pinhole, (x, y): (usize, usize)) -> Vector3<f32> {
-    let intrinsics = &camera.intrinsics;
-    let along = |at: usize, centre: f64, focal: f64| ((at as f64 + 0.5 - centre) / focal) as f32;
-    Vector3::new(along(x, intrinsics.cx, intrinsics.fx), along(y, intrinsics.cy, intrinsics.fy), 1.0)
+impl Rays {
+    fn new(camera: &Pinhole) -> Self {
+        let Intrinsics { fx, fy, cx, cy } = camera.intrinsics;
+        let first = [((0.5 - cx) / fx) as f32, ((0.5 - cy) / fy) as f32];
+        Self { step: [(1.0 / fx) as f32, (1.0 / fy) as f32], first, pixel: (2.0 / (fx + fy)) as f32 }
+    }
+
+    /// The ray of a pixel, at depth 1.
+    #[inline]
+    fn of(&self, (x, y): (usize, usize)) -> Vector3<f32> {
+        let [right, down] = self.step;
+        Vector3::new(self.first[0] + x as f32 * right, self.first[1] + y as f32 * down, 1.0)
+    }
+
+    /// The size of a pixel at a depth, scene units.
+    #[inline]
+    fn pixel_size(&self, depth: f32) -> f32 {
+        self.pixel * depth
+    }
 }
 
 /// The tiles along an axis that what is within `reach` of `centre` may fall into.
