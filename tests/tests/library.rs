@@ -7,9 +7,10 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use vamvs::core::{CloudPoint, DepthMap, Grid, Rgb, Scene, Size, View};
+use vamvs::meshing::MeshOptions;
 use vamvs::{
     DepthOptions, Event, FusionOptions, Input, Maps, OutputFolder, PhotoSource, Picture, Reconstruction,
-    VamvsError, ViewMap, fuse_in_memory, io,
+    VamvsError, ViewMap, fuse_in_memory, io, mesh_in_memory, mesh_of,
 };
 use vamvs_tests::{fixtures, folder};
 
@@ -96,6 +97,10 @@ fn depth_maps_and_cloud_in_memory_are_those_of_the_files() {
     let same =
         |a: &CloudPoint, b: &CloudPoint| same_place(a.x_in_world, b.x_in_world) && a.colour == b.colour;
     assert!(cloud.iter().zip(&of_files).all(|(a, b)| same(a, b)));
+    let mesh = (MeshOptions::default(), fusion());
+    let of_memory = mesh_in_memory(&maps, (&mesh.0, &mesh.1), &mut ignore).unwrap();
+    assert!(of_memory.triangles.len() > 5000);
+    assert_eq!(of_memory, mesh_of(&saved, (&mesh.0, &mesh.1), &mut ignore).unwrap());
     // A map that the program adds itself lists no neighbours. It takes part in fusion all the same.
     let mut mixed = maps;
     mixed[3] = ViewMap { view: 0, neighbours: Vec::new(), ..mixed[3].clone() };

@@ -6,6 +6,7 @@
 mod arrays;
 mod cloud;
 mod maps;
+mod mesh;
 mod options;
 mod reconstruct;
 mod scene;
@@ -38,6 +39,8 @@ mod _vamvs {
     use super::cloud::{Cloud, fuse};
     #[pymodule_export]
     use super::maps::{DepthMap, DepthMaps};
+    #[pymodule_export]
+    use super::mesh::{Mesh, mesh};
     #[pymodule_export]
     use super::reconstruct::{Reconstructed, reconstruct};
     #[pymodule_export]

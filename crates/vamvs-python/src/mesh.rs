@@ -73,7 +73,10 @@ impl Mesh {
     #[expect(clippy::needless_pass_by_value, reason = "pyo3 gives values")]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let format = MeshFormat::of(&path).ok_or_else(|| {
-            PyValueError::new_err(format!("{}: expected a name that ends in .ply, .obj or .glb", path.display()))
+            PyValueError::new_err(format!(
+                "{}: expected a name that ends in .ply, .obj or .glb",
+                path.display()
+            ))
         })?;
         py.detach(|| write(&path, &self.0, format)).map_err(|failed| error(&failed.into()))
     }

@@ -7,6 +7,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use vamvs::fusion::FuseOptions;
+use vamvs::meshing::MeshOptions;
 use vamvs::{DepthOptions, FusionOptions, Quality};
 
 /// Keyword arguments, and the names of the options known so far.
@@ -60,6 +61,11 @@ impl Options {
         options.filter = self.take(&FuseOptions::default(), &[])?;
         options.validate().map_err(|error| PyValueError::new_err(error.to_string()))?;
         Ok(options)
+    }
+
+    /// How depth maps become a mesh.
+    pub fn mesh(&mut self) -> PyResult<MeshOptions> {
+        self.take(&MeshOptions::default(), &[])
     }
 
     /// Refuses unknown arguments.

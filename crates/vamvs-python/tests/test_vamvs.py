@@ -88,6 +88,21 @@ def test_maps_of_ones_own_are_fused_like_those_of_vamvs(maps, tmp_path):
     assert f"element vertex {len(cloud)}".encode() in (tmp_path / "cloud.ply").read_bytes()[:200]
 
 
+def test_maps_become_a_mesh(maps, tmp_path):
+    mesh = vamvs.mesh(maps, cell=2)
+    assert len(mesh.triangles) > 5000 and mesh.vertices.shape == mesh.normals.shape == mesh.colours.shape
+    assert np.median(np.abs(mesh.vertices[:, 2] - DISTANCE)) < 0.005
+    assert np.median(mesh.normals[:, 2]) < -0.9, "towards the cameras"
+    assert mesh.triangles.max() < len(mesh.vertices)
+    assert len(vamvs.mesh(maps, cell=2, triangles=0.2).triangles) < 0.3 * len(mesh.triangles)
+    mesh.save(tmp_path / "mesh.glb")
+    assert (tmp_path / "mesh.glb").read_bytes()[:4] == b"glTF"
+    with pytest.raises(ValueError, match="mesh.stl"):
+        mesh.save(tmp_path / "mesh.stl")
+    with pytest.raises(vamvs.Error, match="cell: expected 0.25 to 64"):
+        vamvs.mesh(maps, cell=0)
+
+
 def test_a_draft_is_quick_and_other_options_win(scene):
     draft = next(scene.depth_maps(quality="draft", planes=32))
     assert draft.depth.shape == (HEIGHT, WIDTH) and error_of([draft]) < 0.02

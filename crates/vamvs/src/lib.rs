@@ -50,7 +50,7 @@ pub use fuse::{FuseSummary, PartialFusion, fuse};
 pub use input::Input;
 pub use maps::Maps;
 pub use memory::MemoryLimit;
-pub use mesh::{MeshSummary, mesh, mesh_of};
+pub use mesh::{MeshSummary, mesh, mesh_in_memory, mesh_of};
 #[cfg(feature = "torch")]
 pub use method::NetworkMethod;
 pub use method::{Method, VisCorr};

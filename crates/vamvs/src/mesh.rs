@@ -1,17 +1,19 @@
 //! From depth maps to a triangle mesh.
 
+use std::borrow::Borrow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use vamvs_core::{Grid, Mesh, Part};
-use vamvs_fusion::{ConsistentPixels, FuseEvent, FuseJob, FusionView, MapSource, Schedule};
+use vamvs_fusion::{ConsistentPixels, FuseError, FuseEvent, FuseJob, FusionView, MapSource, Schedule};
 use vamvs_io::atomic;
 use vamvs_io::mesh::MeshFormat;
 use vamvs_mesh::{MeshOptions, MeshView, Mesher};
 
 use crate::event::{OnEvent, tell};
 use crate::fuse::{lock, with_own_confidence, working_memory};
-use crate::{Event, FusionOptions, Maps, VamvsError};
+use crate::view_map::InMemory;
+use crate::{Event, FusionOptions, Maps, VamvsError, ViewMap};
 
 /// The result of meshing.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,12 +74,34 @@ pub fn mesh_of(
 ) -> Result<Mesh, VamvsError> {
     fusion.validate()?;
     let fusion = with_own_confidence(maps, fusion)?;
-    let neighbours = maps.neighbours(fusion.neighbours);
+    assemble(maps, &maps.neighbours(fusion.neighbours), (options, &fusion), on_event)
+}
+
+/// Makes a mesh of depth maps that are in memory, as [`mesh_of`].
+///
+/// # Errors
+/// If an option is invalid or needs what maps in memory do not keep, a grid differs in size from its depth map, or `on_event` breaks.
+pub fn mesh_in_memory<M: Borrow<ViewMap> + Sync>(
+    maps: &[M],
+    (options, fusion): (&MeshOptions, &FusionOptions),
+    on_event: &mut OnEvent<'_>,
+) -> Result<Mesh, VamvsError> {
+    let maps = InMemory::new(maps, fusion)?;
+    assemble(&maps, &maps.neighbours(fusion.neighbours), (options, fusion), on_event)
+}
+
+/// Makes a mesh of depth maps from anywhere.
+fn assemble<S: MapSource + ?Sized>(
+    source: &S,
+    neighbours: &[Vec<usize>],
+    (options, fusion): (&MeshOptions, &FusionOptions),
+    on_event: &mut OnEvent<'_>,
+) -> Result<Mesh, VamvsError> {
     let mut mesher = Mesher::new(options.clone())?;
     let (filter, memory) = (&fusion.filter, working_memory(fusion.max_memory));
-    let job = FuseJob { source: maps, neighbours: &neighbours, options: filter, roi: fusion.roi, memory };
-    let schedule = Schedule::new(&neighbours, maps.len())?;
-    let (mut done, total) = (0, 2 * maps.len() + 1);
+    let job = FuseJob { source, neighbours, options: filter, roi: fusion.roi, memory };
+    let schedule = Schedule::new(neighbours, source.len())?;
+    let (mut done, total) = (0, 2 * source.len() + 1);
     let mut step = || {
         done += 1;
         Event::Mesh { done, total }
@@ -85,8 +109,9 @@ pub fn mesh_of(
     let all = Part::new(0, 1).expect("one part of one");
     let mut progress = |_: FuseEvent| on_event(step());
     let (pixels, _) = vamvs_fusion::confirm(&job, &schedule, all, &mut progress)?;
-    for (view, pixels) in &pixels {
-        mesher.add(confirmed(maps.load(*view)?, pixels))?;
+    for (&view, pixels) in &pixels {
+        let loaded = source.load(view).map_err(|error| FuseError::Load { view, source: error.into() })?;
+        mesher.add(confirmed(loaded, pixels))?;
         tell(on_event, step())?;
     }
     let mesh = mesher.mesh();

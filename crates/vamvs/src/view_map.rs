@@ -41,23 +41,47 @@ pub fn fuse_in_memory<M: Borrow<ViewMap> + Sync>(
     options: &FusionOptions,
     on_event: &mut OnEvent<'_>,
 ) -> Result<Cloud, VamvsError> {
-    options.validate()?;
-    if options.network_confidence {
-        let problem = "the least confidence is given as the network's probability (network-confidence), which depth maps in memory do not keep: give it as their confidence";
-        return Err(VamvsError::Request(problem.to_owned()));
-    }
-    let maps: Vec<&ViewMap> = maps.iter().map(Borrow::borrow).collect();
-    let neighbours = neighbours(&maps, options.neighbours);
+    let maps = InMemory::new(maps, options)?;
     let mut cloud = Cloud::new();
     let mut sink = |fused: &FusedPoints| {
         cloud.extend_from_slice(fused.points());
         Ok(())
     };
-    merge(&InMemory(&maps), &neighbours, options, &mut sink, on_event)?;
+    merge(&maps, &maps.neighbours(options.neighbours), options, &mut sink, on_event)?;
     Ok(cloud)
 }
 
-struct InMemory<'a>(&'a [&'a ViewMap]);
+/// Depth maps in memory, as fusion and meshing take them.
+pub(crate) struct InMemory<'a>(Vec<&'a ViewMap>);
+
+impl<'a> InMemory<'a> {
+    /// Checks the options, which must not need what maps in memory do not keep.
+    pub fn new<M: Borrow<ViewMap>>(maps: &'a [M], options: &FusionOptions) -> Result<Self, VamvsError> {
+        options.validate()?;
+        if options.network_confidence {
+            let problem = "the least confidence is given as the network's probability (network-confidence), which depth maps in memory do not keep: give it as their confidence";
+            return Err(VamvsError::Request(problem.to_owned()));
+        }
+        Ok(Self(maps.iter().map(Borrow::borrow).collect()))
+    }
+
+    /// For each map, the maps of at most `count` other views that see the same surfaces.
+    pub fn neighbours(&self, count: usize) -> Vec<Vec<usize>> {
+        let maps = &self.0;
+        if maps.iter().any(|map| map.neighbours.is_empty()) {
+            return by_cameras(maps, count);
+        }
+        let mut of_view: HashMap<usize, Vec<usize>> = HashMap::new();
+        for (number, map) in maps.iter().enumerate() {
+            of_view.entry(map.view).or_default().push(number);
+        }
+        let maps_of = |source: &Source| of_view.get(&source.view).cloned().unwrap_or_default();
+        let there = |source: &&Source| of_view.contains_key(&source.view);
+        let others =
+            |map: &&ViewMap| map.neighbours.iter().filter(there).take(count).flat_map(maps_of).collect();
+        maps.iter().map(others).collect()
+    }
+}
 
 impl MapSource for InMemory<'_> {
     type Error = Infallible;
@@ -86,21 +110,6 @@ impl MapSource for InMemory<'_> {
     fn load_sigma(&self, view: usize) -> Result<Option<Grid<f32>>, Infallible> {
         Ok(self.0[view].sigma.clone())
     }
-}
-
-/// For each map, the maps of at most `count` other views that see the same surfaces.
-fn neighbours(maps: &[&ViewMap], count: usize) -> Vec<Vec<usize>> {
-    if maps.iter().any(|map| map.neighbours.is_empty()) {
-        return by_cameras(maps, count);
-    }
-    let mut of_view: HashMap<usize, Vec<usize>> = HashMap::new();
-    for (number, map) in maps.iter().enumerate() {
-        of_view.entry(map.view).or_default().push(number);
-    }
-    let maps_of = |source: &Source| of_view.get(&source.view).cloned().unwrap_or_default();
-    let there = |source: &&Source| of_view.contains_key(&source.view);
-    let others = |map: &&ViewMap| map.neighbours.iter().filter(there).take(count).flat_map(maps_of).collect();
-    maps.iter().map(others).collect()
 }
 
 fn by_cameras(maps: &[&ViewMap], count: usize) -> Vec<Vec<usize>> {

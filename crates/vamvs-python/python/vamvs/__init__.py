@@ -10,6 +10,7 @@ or step by step, with NumPy arrays in between and no file written:
     scene = vamvs.Scene.from_colmap("sparse/0", "images")
     maps = list(scene.depth_maps())
     vamvs.fuse(maps).save("cloud.ply")
+    vamvs.mesh(maps).save("mesh.glb")
 """
 
 from __future__ import annotations
@@ -26,10 +27,12 @@ __all__ = [
     "DepthMap",
     "DepthMaps",
     "Error",
+    "Mesh",
     "Reconstructed",
     "Scene",
     "__version__",
     "fuse",
+    "mesh",
     "reconstruct",
 ]
 

@@ -136,6 +136,23 @@ def reconstruct(
 
     Options are quality ('draft', 'normal' or 'best') and those of run.toml's [depth] and [fusion], with underscores."""
 
+class Mesh:
+    vertices: npt.NDArray[np.float64]
+    """(N, 3), world."""
+    normals: npt.NDArray[np.float32]
+    """(N, 3), unit length, to the outside."""
+    colours: npt.NDArray[np.uint8]
+    """(N, 3), red, green, blue."""
+    triangles: npt.NDArray[np.uint32]
+    """(M, 3), vertices, counter-clockwise seen from outside."""
+    def save(self, path: Path) -> None:
+        """Writes a PLY, OBJ or GLB file, as the name says."""
+
+def mesh(
+    maps: Iterable[DepthMap], on_event: Optional[OnEvent] = None, **options: Any
+) -> Mesh:
+    """Makes a triangle mesh of depth maps; options are those of run.toml's [mesh] and [fusion]."""
+
 def fuse(
     maps: Iterable[DepthMap], on_event: Optional[OnEvent] = None, **options: Any
 ) -> Cloud:
