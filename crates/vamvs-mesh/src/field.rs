@@ -33,9 +33,9 @@ pub(crate) struct Field<'a> {
 }
 
 impl<'a> Field<'a> {
-    /// The field of what all views say.
-    pub fn of(bricks: &'a Bricks, views: &[SeenView]) -> Self {
-        let of_brick = |brick| reduced(bricks, brick, values(bricks, views, bricks.all[brick]));
+    /// The field of what all views say; `near` is what is near a surface, sizes of a pixel.
+    pub fn of(bricks: &'a Bricks, views: &[SeenView], near: f32) -> Self {
+        let of_brick = |brick| reduced(bricks, brick, values(bricks, (views, near), bricks.all[brick]));
         Self { bricks, values: (0..bricks.all.len()).into_par_iter().map(of_brick).collect() }
     }
 
@@ -112,13 +112,13 @@ fn packed(distance: f32, cell: f32, is_near: bool) -> i16 {
 }
 
 /// The values of a brick. Each depends on the place alone, not on the brick, so bricks agree on corners that they share.
-fn values(bricks: &Bricks, views: &[SeenView], brick: Brick) -> Box<[i16; VALUES]> {
+fn values(bricks: &Bricks, (views, near): (&[SeenView], f32), brick: Brick) -> Box<[i16; VALUES]> {
     let middle = brick.low.cast::<f64>() + Vector3::repeat(f64::from(brick.width()) / 2.0);
     let radius = f64::from(brick.width()) / 2.0 * 3.0_f64.sqrt() * bricks.unit;
     let middle = bricks.x_in_world(&middle);
     let mut sums = [(0.0_f32, 0.0_f32, false); VALUES];
-    for view in views.iter().filter(|view| view.may_see(&middle, radius)) {
-        add(bricks, view, brick, &mut sums);
+    for view in views.iter().filter(|view| view.may_see((&middle, radius), near)) {
+        add(bricks, (view, near), brick, &mut sums);
     }
     let cell = bricks.unit as f32 * brick.cell() as f32;
     let mean = |(distance, weight, is_near)| {
@@ -128,7 +128,7 @@ fn values(bricks: &Bricks, views: &[SeenView], brick: Brick) -> Box<[i16; VALUES
 }
 
 /// Adds what a view says of a brick's corners to the sums of distances and weights.
-fn add(bricks: &Bricks, view: &SeenView, brick: Brick, sums: &mut [(f32, f32, bool); VALUES]) {
+fn add(bricks: &Bricks, (view, near): (&SeenView, f32), brick: Brick, sums: &mut [(f32, f32, bool); VALUES]) {
     let pose = &view.cam_from_world;
     let at_origin = pose.transform(&bricks.origin);
     let [along_x, along_y, along_z] = [0, 1, 2].map(|axis| pose.rotation.column(axis) * bricks.unit);
@@ -137,7 +137,7 @@ fn add(bricks: &Bricks, view: &SeenView, brick: Brick, sums: &mut [(f32, f32, bo
         let begin = at_origin + along_z * f64::from(first.z) + along_y * f64::from(first.y);
         for (step, sum) in row.iter_mut().enumerate() {
             let x = f64::from(first.x + step as i32 * brick.cell());
-            let opinion = view.opinion(&(begin + along_x * x));
+            let opinion = view.opinion(&(begin + along_x * x), near);
             sum.0 += opinion.weight * opinion.distance;
             sum.1 += opinion.weight;
             sum.2 |= opinion.is_near;

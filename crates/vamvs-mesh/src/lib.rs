@@ -26,8 +26,17 @@ use bricks::Bricks;
 use field::Field;
 use view::SeenView;
 
-/// A surface is near within this distance, in cells.
-const NEAR: f32 = 1.2;
+/// A surface is near within this distance, in cells of the width that is asked for: they are up to √2 times as wide.
+const NEAR: f32 = 1.5;
+
+/// Bytes that a brick takes on average: distances, vertices, triangles, and what makes them a manifold.
+const BRICK_BYTES: u64 = 8000;
+
+/// By how much cells are larger where the volume takes too much memory...
+const LARGER: f64 = 1.25;
+
+/// ... but not larger than this, in sizes of a pixel.
+const LARGEST_CELL: f64 = 64.0;
 
 /// How a mesh is made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -79,36 +88,24 @@ impl Mesher {
     /// # Errors
     /// If a raster has another size than the camera.
     pub fn add(&mut self, view: MeshView) -> Result<(), MeshError> {
-        let near = NEAR * self.options.cell as f32;
-        self.views.push(SeenView::new(self.views.len(), view, near)?);
+        self.views.push(SeenView::new(self.views.len(), view)?);
         Ok(())
     }
 
-    /// The mesh of all views. It has no triangles if none of them sees anything.
+    /// The volume around all that the views see, with cells as the options say or, where it would then take more than `memory`
+    /// bytes with the views, with larger ones.
     #[must_use]
-    pub fn mesh(&self) -> Mesh {
-        let bricks = Bricks::around(&self.views, self.options.cell);
-        let surface = surface::extract(&Field::of(&bricks, &self.views));
-        let origin = bricks.x_in_world(&surface.positions.first().copied().unwrap_or_default());
-        let relative = |position: &Vector3<f64>| (bricks.x_in_world(position) - origin).cast::<f32>().into();
-        let mut mesh = Mesh {
-            origin: origin.into(),
-            positions: surface.positions.par_iter().map(relative).collect(),
-            triangles: surface.triangles,
-            ..Mesh::default()
-        };
-        manifold::separate(&mut mesh);
-        components::remove_small(&mut mesh, self.options.min_triangles);
-        if let Some(triangles) = self.options.triangles {
-            let all = mesh.triangles.len();
-            let wanted = if triangles < 1.0 { triangles * all as f64 } else { triangles };
-            simplify::reduce(&mut mesh, wanted as usize);
-            manifold::separate(&mut mesh);
+    pub fn volume(&self, memory: u64) -> Volume<'_> {
+        let views: usize = self.views.iter().map(SeenView::bytes).sum();
+        let left = memory.saturating_sub(views as u64);
+        let mut cell = self.options.cell;
+        loop {
+            let bricks = Bricks::around(&self.views, cell);
+            if bricks.all.len() as u64 * BRICK_BYTES <= left || cell > LARGEST_CELL {
+                return Volume { mesher: self, bricks, cell };
+            }
+            cell *= LARGER;
         }
-        mesh.set_normals();
-        let vertices = 0..mesh.positions.len() as u32;
-        mesh.colours = vertices.into_par_iter().map(|vertex| self.colour(&mesh.x_in_world(vertex))).collect();
-        mesh
     }
 
     /// The colour of a place on the surface: the mean over the views, mostly of those that see it with the most pixels.
@@ -120,6 +117,49 @@ impl Mesher {
             }
         }
         (sum.0 / sum.1).map(|value| value.round() as u8).into()
+    }
+}
+
+/// The volume that a surface is looked for in.
+pub struct Volume<'a> {
+    mesher: &'a Mesher,
+    bricks: Bricks,
+    cell: f64,
+}
+
+impl Volume<'_> {
+    /// The width of its cells, in sizes of the finest pixel that sees a place.
+    #[must_use]
+    pub fn cell(&self) -> f64 {
+        self.cell
+    }
+
+    /// The mesh of all views. It has no triangles if none of them sees anything.
+    #[must_use]
+    pub fn mesh(&self) -> Mesh {
+        let Self { mesher, bricks, cell } = self;
+        let surface = surface::extract(&Field::of(bricks, &mesher.views, NEAR * *cell as f32));
+        let origin = bricks.x_in_world(&surface.positions.first().copied().unwrap_or_default());
+        let relative = |position: &Vector3<f64>| (bricks.x_in_world(position) - origin).cast::<f32>().into();
+        let mut mesh = Mesh {
+            origin: origin.into(),
+            positions: surface.positions.par_iter().map(relative).collect(),
+            triangles: surface.triangles,
+            ..Mesh::default()
+        };
+        manifold::separate(&mut mesh);
+        components::remove_small(&mut mesh, mesher.options.min_triangles);
+        if let Some(triangles) = mesher.options.triangles {
+            let all = mesh.triangles.len();
+            let wanted = if triangles < 1.0 { triangles * all as f64 } else { triangles };
+            simplify::reduce(&mut mesh, wanted as usize);
+            manifold::separate(&mut mesh);
+        }
+        mesh.set_normals();
+        let vertices = 0..mesh.positions.len() as u32;
+        mesh.colours =
+            vertices.into_par_iter().map(|vertex| mesher.colour(&mesh.x_in_world(vertex))).collect();
+        mesh
     }
 }
 

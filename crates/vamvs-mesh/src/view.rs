@@ -24,8 +24,12 @@ const SURE: f32 = 0.2;
 /// ... and declines up to this share of it...
 const HIDDEN: f32 = 0.7;
 
-/// ... to this weight, which it has up to twice the band. There it is solid unless another view sees into it.
+/// ... to this weight, which it has up to twice the band: there it is solid unless another view sees into it.
 const HIDDEN_WEIGHT: f32 = 0.03;
+
+/// It has that weight up to this multiple of what is near at least, so that all corners of a cell that the surface goes through
+/// are known.
+const CELL_BEHIND: f32 = 1.75;
 
 /// The weight of pixels at a jump of depth.
 const JUMP_WEIGHT: f32 = 0.2;
@@ -114,13 +118,10 @@ pub(crate) struct SeenView {
     colours: Grid<Rgb>,
     /// The largest depth of each tile of 16×16 pixels, 0 where there is none.
     farthest: Grid<f32>,
-    /// What is near a surface, sizes of a pixel.
-    near: f32,
 }
 
 impl SeenView {
-    /// `near` is the distance, in sizes of a pixel, that is near a surface.
-    pub fn new(number: usize, view: MeshView, near: f32) -> Result<Self, MeshError> {
+    pub fn new(number: usize, view: MeshView) -> Result<Self, MeshError> {
         view.check(number)?;
         let MeshView { camera, cam_from_world, depth, confirmed, sigma, normals, colour } = view;
         let (rays, rotation) = (Rays::new(&camera), cam_from_world.rotation.cast::<f32>());
@@ -140,7 +141,7 @@ impl SeenView {
             }
         });
         let farthest = Grid::filled(Size::new(0, 0), 0.0);
-        let mut view = Self { cam_from_world, camera, rays, surfaces, colours: colour, farthest, near };
+        let mut view = Self { cam_from_world, camera, rays, surfaces, colours: colour, farthest };
         if let Some(confirmed) = confirmed {
             view.fill_unconfirmed(&confirmed);
         }
@@ -153,6 +154,11 @@ impl SeenView {
         self.surfaces.size()
     }
 
+    /// Bytes that the view takes.
+    pub fn bytes(&self) -> usize {
+        self.size().area() * (size_of::<Surface>() + size_of::<Rgb>())
+    }
+
     /// The place in the world of what a pixel sees, and the pixel's size on it, scene units.
     pub fn point(&self, (x, y): (usize, usize)) -> Option<(Vector3<f64>, f64)> {
         let depth = self.surfaces[(x, y)].depth;
@@ -161,8 +167,8 @@ impl SeenView {
         (depth > 0.0).then(|| (x_in_world, f64::from(self.rays.pixel_size(depth))))
     }
 
-    /// Whether the view may say something of places in a ball.
-    pub fn may_see(&self, centre: &Vector3<f64>, radius: f64) -> bool {
+    /// Whether the view may say something of places in a ball; `near` is what is near a surface, sizes of a pixel.
+    pub fn may_see(&self, (centre, radius): (&Vector3<f64>, f64), near: f32) -> bool {
         let c = self.cam_from_world.transform(centre);
         let intrinsics = &self.camera.intrinsics;
         if c.z + radius <= 0.0 {
@@ -179,18 +185,18 @@ impl SeenView {
         let rows = tiles(v, reach, self.size().height);
         let (Some(columns), Some(rows)) = (columns, rows) else { return false };
         let nearest = (c.z - radius) as f32;
-        let reaches = |depth: f32| depth > 0.0 && depth * (1.0 + self.widest_share()) >= nearest;
+        let reaches = |depth: f32| depth > 0.0 && depth * (1.0 + self.widest_share(near)) >= nearest;
         rows.into_iter().any(|y| columns.clone().any(|x| reaches(self.farthest[(x, y)])))
     }
 
-    /// How far behind a surface a view may say something, as a share of the depth: twice the widest band, seen obliquely.
-    fn widest_share(&self) -> f32 {
-        2.0 * WIDEST_BAND * self.rays.pixel_size(1.0) * 12.0
+    /// How far behind a surface a view may say something, as a share of the depth, seen obliquely.
+    fn widest_share(&self, near: f32) -> f32 {
+        (2.0 * WIDEST_BAND).max(CELL_BEHIND * near) * self.rays.pixel_size(1.0) * 12.0
     }
 
-    /// What the view says of a place in its own frame.
+    /// What the view says of a place in its own frame; `near` is what is near a surface, sizes of a pixel.
     #[inline]
-    pub fn opinion(&self, x: &Vector3<f64>) -> Opinion {
+    pub fn opinion(&self, x: &Vector3<f64>, near: f32) -> Opinion {
         let Some(place) = self.pixel(x) else { return Opinion::default() };
         let surface = self.surfaces[place];
         if surface.depth <= 0.0 {
@@ -212,7 +218,7 @@ impl SeenView {
         } else if distance >= -HIDDEN * band {
             let share = (distance / band + HIDDEN) / (HIDDEN - SURE);
             jump * (HIDDEN_WEIGHT + (1.0 - HIDDEN_WEIGHT) * share)
-        } else if distance >= -2.0 * band {
+        } else if distance >= -(2.0 * band).max(CELL_BEHIND * near * pixel) {
             jump * HIDDEN_WEIGHT
         } else {
             0.0
@@ -220,7 +226,7 @@ impl SeenView {
         Opinion {
             distance: distance_in_band,
             weight: weight * certainty,
-            is_near: distance.abs() <= self.near * pixel,
+            is_near: distance.abs() <= near * pixel,
         }
     }
 

@@ -94,7 +94,7 @@ fn mesh(views: Vec<MeshView>, cell: f64) -> Mesh {
     options.cell = cell;
     let mut mesher = Mesher::new(options).expect("valid options");
     views.into_iter().for_each(|view| mesher.add(view).expect("rasters of one size"));
-    mesher.mesh()
+    mesher.volume(u64::MAX).mesh()
 }
 
 /// The number of edges with one triangle; panics if one has more than two, or two that run the same way.
@@ -270,7 +270,7 @@ fn a_reduced_mesh_is_a_manifold_on_the_surface() {
     options.triangles = Some(0.2);
     let mut mesher = Mesher::new(options).expect("valid options");
     views(&Sphere, 24, 1.0).into_iter().for_each(|view| mesher.add(view).expect("rasters of one size"));
-    let reduced = mesher.mesh();
+    let reduced = mesher.volume(u64::MAX).mesh();
     let whole = mesh(views(&Sphere, 24, 1.0), 1.5);
     assert!(
         5 * reduced.triangles.len() <= whole.triangles.len() + 50,
@@ -282,4 +282,25 @@ fn a_reduced_mesh_is_a_manifold_on_the_surface() {
     let errors = errors(&reduced, &Sphere);
     assert!(quantile(&errors, 1.0) < 0.5, "{}", quantile(&errors, 1.0));
     assert!(reduced.colours.iter().all(|colour| *colour == [10, 120, 250]));
+}
+
+#[test]
+fn little_memory_makes_larger_cells() {
+    let mut mesher = Mesher::new(MeshOptions::default()).expect("valid options");
+    views(&Sphere, 24, 1.0).into_iter().for_each(|view| mesher.add(view).expect("rasters of one size"));
+    let (whole, small) = (mesher.volume(u64::MAX), mesher.volume(17_500_000));
+    assert_eq!(whole.cell(), 1.5);
+    assert!(small.cell() > 1.5 && small.cell() < 6.0, "{}", small.cell());
+    let (whole, small) = (whole.mesh(), small.mesh());
+    assert!(2 * small.triangles.len() < whole.triangles.len());
+    assert_eq!(open_edges(&small), 0);
+}
+
+#[test]
+fn cells_of_any_size_close_a_sphere() {
+    for cell in [1.0, 2.5, 3.0, 4.0, 5.0, 6.0] {
+        let mesh = mesh(views(&Sphere, 24, 1.0), cell);
+        assert_eq!(open_edges(&mesh), 0, "cells of {cell} pixels");
+        assert!(quantile(&errors(&mesh, &Sphere), 1.0) < 0.2 * cell.max(2.0), "cells of {cell} pixels");
+    }
 }

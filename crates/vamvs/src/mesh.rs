@@ -114,7 +114,17 @@ fn assemble<S: MapSource + ?Sized>(
         mesher.add(confirmed(loaded, pixels))?;
         tell(on_event, step())?;
     }
-    let mesh = mesher.mesh();
+    let volume = mesher.volume(memory as u64);
+    if volume.cell() > options.cell {
+        let text = format!(
+            "a mesh with cells of {} pixels (--cell) would take more memory than the limit of {}: it is made with cells of {:.1}",
+            options.cell,
+            fusion.max_memory,
+            volume.cell()
+        );
+        tell(on_event, Event::Warning(text))?;
+    }
+    let mesh = volume.mesh();
     tell(on_event, step())?;
     Ok(mesh)
 }
