@@ -12,6 +12,7 @@
 //!
 //! The crate reads no files and holds no tensors.
 
+mod above;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 mod confidence;
@@ -25,7 +26,6 @@ mod isa;
 mod luminance;
 mod matcher;
 mod options;
-mod outside;
 mod planar_prior;
 mod plane;
 mod plane_fit;
@@ -292,21 +292,20 @@ fn check_size(what: &'static str, expected: Size, found: Size) -> Result<(), Ref
     if expected == found { Ok(()) } else { Err(RefineError::Size { what, expected, found }) }
 }
 
-/// Marks depths of which neither the seed nor the photographs tell anything and that nothing encloses, as in the sky.
-fn mark_unfounded(field: &mut Field, seed_confidence: &(impl Fn(usize, usize) -> f32 + Sync)) {
-    let is_unfounded =
-        |x, y, state: &State| state.correlation < FOUNDED && seed_confidence(x, y) < LEAST_SEED;
-    let open = outside::reached(field.size(), |x, y| is_unfounded(x, y, field.at(x, y)));
+/// Marks depths of which neither the seed nor the photographs tell anything, in regions of them that reach the photograph's upper
+/// border, as the sky does.
+fn mark_unfounded(field: &mut Field, seed_confidence: impl Fn(usize, usize) -> f32) {
+    let is_unfounded = |x, y| field.at(x, y).correlation < FOUNDED && seed_confidence(x, y) < LEAST_SEED;
+    let unfounded = Grid::from_fn(field.size(), is_unfounded);
+    let above = above::reached(&unfounded);
     for colour in 0..2 {
-        field.update(colour, |_, x, y, state| {
-            state.unfounded = open.contains(x, y) && is_unfounded(x, y, state);
-        });
+        field.update(colour, |_, x, y, state| state.unfounded = above.contains(x, y) && unfounded[(x, y)]);
     }
 }
 
 /// Lets the planes of segments grow and draws pixels to them, smooths planes, and gives speckles, small isolated pieces of surface, the seed's planes back.
-fn finish(field: &mut Field, matcher: &Matcher, seed: impl Fn(usize, usize) -> (Plane, f32) + Sync) {
-    mark_unfounded(field, &|x, y| seed(x, y).1);
+fn finish(field: &mut Field, matcher: &Matcher, seed: impl Fn(usize, usize) -> (Plane, f32)) {
+    mark_unfounded(field, |x, y| seed(x, y).1);
     let mut steps = Grid::filled(field.size(), 0.0);
     steps.data_mut().par_chunks_exact_mut(field.size().width.max(1)).enumerate().for_each(|(y, row)| {
         for (x, step) in row.iter_mut().enumerate() {

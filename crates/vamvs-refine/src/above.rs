@@ -1,10 +1,10 @@
-//! Which regions of a photograph reach its border.
+//! Which regions of a photograph reach its upper border.
 
-use vamvs_core::Size;
+use vamvs_core::{Grid, Size};
 
 use crate::segments::{BLOCK, adjacent};
 
-/// Blocks of 8×8 pixels that are mostly of a kind, and from which others like them lead to the border.
+/// Blocks of 8×8 pixels that are mostly of a kind, and from which others like them lead to the upper border.
 pub(crate) struct Reached {
     blocks: Size,
     is_reached: Vec<bool>,
@@ -18,14 +18,15 @@ impl Reached {
     }
 }
 
-/// The blocks of pixels `is_of_kind` that reach the border of a photograph of this size.
-pub(crate) fn reached(size: Size, is_of_kind: impl Fn(usize, usize) -> bool) -> Reached {
+/// The blocks mostly of pixels of a kind that reach the upper border.
+pub(crate) fn reached(of_kind: &Grid<bool>) -> Reached {
+    let size = of_kind.size();
     let blocks = Size::new(size.width.div_ceil(BLOCK), size.height.div_ceil(BLOCK));
     let is_mostly = |block: usize| {
         let (left, top) = (block % blocks.width * BLOCK, block / blocks.width * BLOCK);
         let (right, bottom) = ((left + BLOCK).min(size.width), (top + BLOCK).min(size.height));
         let pixels = (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y)));
-        2 * pixels.filter(|&(x, y)| is_of_kind(x, y)).count() > (right - left) * (bottom - top)
+        2 * pixels.filter(|&(x, y)| of_kind[(x, y)]).count() > (right - left) * (bottom - top)
     };
     let mut is_open: Vec<bool> = (0..blocks.area()).map(is_mostly).collect();
     let mut is_reached = vec![false; blocks.area()];
@@ -44,14 +45,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_reaches_the_border_is_found_and_what_is_enclosed_is_not() {
+    fn what_reaches_the_upper_border_is_found_and_other_regions_are_not() {
         let size = Size::new(100, 60);
         let is_sky = |x: usize, y: usize| y < 24 && x < 48;
-        let is_table = |x: usize, y: usize| (16..40).contains(&y) && (64..88).contains(&x);
-        let open = reached(size, |x, y| is_sky(x, y) || is_table(x, y));
+        let is_table = |x: usize, y: usize| y >= 16 && x >= 64;
+        let open = reached(&Grid::from_fn(size, |x, y| is_sky(x, y) || is_table(x, y)));
         assert!(open.contains(0, 0) && open.contains(47, 23) && open.contains(50, 10));
         assert!(
             !open.contains(75, 30)
+                && !open.contains(99, 59)
                 && !open.contains(64, 16)
                 && !open.contains(57, 10)
                 && !open.contains(20, 50)
