@@ -18,8 +18,11 @@ pub(crate) const BRICK: i32 = 1 << BRICK_BITS;
 /// Cells to each side of a surface that are in bricks.
 const BAND: f64 = 2.5;
 
-/// Every so many columns and rows of a view one pixel is asked for its place; a brick is wider than that.
-const STRIDE: usize = 3;
+/// The largest distance of pixels, columns and rows, that are asked for their places...
+const MOST_STRIDE: usize = 3;
+
+/// ... which is less than a brick's width: bricks of cells of one pixel are at least so many pixels wide.
+const BRICK_PIXELS: f64 = 5.0;
 
 /// Levels finer and coarser than that of a typical pixel.
 const MOST_LEVELS: i32 = 7;
@@ -91,22 +94,21 @@ pub(crate) struct Bricks {
 }
 
 impl Bricks {
-    /// Bricks around all surfaces that views see, with cells of so many sizes of the finest pixel that sees a place.
-    pub fn around(views: &[SeenView], cell: f64) -> Self {
-        let points: Vec<(Vector3<f64>, f64)> = views.par_iter().flat_map_iter(points).collect();
+    /// Bricks around places on surfaces, with cells of so many sizes of the finest pixel that sees a place.
+    pub fn around(points: &[SeenPoint], cell: f64) -> Self {
         let Some(typical) = median(points.iter().map(|point| cell * point.1)) else {
             return Self::new(Vector3::zeros(), 1.0, Vec::new());
         };
         let level =
             |pixel: f64| ((cell * pixel / typical).log2().round() as i32).clamp(-MOST_LEVELS, MOST_LEVELS);
         let finest = points.iter().map(|point| level(point.1)).min().unwrap_or(0);
-        let (low, high) = bounds(&points);
+        let (low, high) = bounds(points);
         let fitting = (high - low).max() / f64::from(BRICK << (AXIS_BITS - 2));
         let unit = (typical * f64::from(finest).exp2()).max(fitting);
         // A margin for the band and for coarse bricks.
         let margin = unit * f64::from(BRICK << (2 * MOST_LEVELS));
         let origin = low - Vector3::repeat(margin.min(unit * f64::from(BRICK << (AXIS_BITS - 2))));
-        let touched = |(point, pixel): &(Vector3<f64>, f64)| {
+        let touched = |(point, pixel): &SeenPoint| {
             let level = (level(*pixel) - finest).max(0) as u32;
             let band = BAND * unit * f64::from(1 << level);
             let corner = move |part: u8| {
@@ -156,11 +158,19 @@ impl Bricks {
     }
 }
 
-/// Some of the places that a view sees, with the pixels' sizes there.
-fn points(view: &SeenView) -> Vec<(Vector3<f64>, f64)> {
-    let size = view.size();
-    let rows = (0..size.height).step_by(STRIDE);
-    rows.flat_map(|y| (0..size.width).step_by(STRIDE).filter_map(move |x| view.point((x, y)))).collect()
+/// A place in the world that a view sees, and the pixel's size there, scene units.
+type SeenPoint = (Vector3<f64>, f64);
+
+/// Places that views see, at least one for each brick of cells of this many sizes of a pixel.
+pub(crate) fn points(views: &[SeenView], cell: f64) -> Vec<SeenPoint> {
+    let stride = ((BRICK_PIXELS * cell) as usize).clamp(1, MOST_STRIDE);
+    let of_view = |view: &SeenView| -> Vec<SeenPoint> {
+        let size = view.size();
+        let columns = || (0..size.width).step_by(stride);
+        let rows = (0..size.height).step_by(stride);
+        rows.flat_map(|y| columns().filter_map(move |x| view.point((x, y)))).collect()
+    };
+    views.par_iter().flat_map_iter(of_view).collect()
 }
 
 fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -169,7 +179,7 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-fn bounds(points: &[(Vector3<f64>, f64)]) -> (Vector3<f64>, Vector3<f64>) {
+fn bounds(points: &[SeenPoint]) -> (Vector3<f64>, Vector3<f64>) {
     let begin = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     points.iter().fold(begin, |(low, high), (point, _)| (low.inf(point), high.sup(point)))
 }

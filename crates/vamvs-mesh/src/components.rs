@@ -2,9 +2,11 @@
 
 use vamvs_core::Mesh;
 
+use crate::sets::Sets;
+
 /// Removes pieces of fewer triangles.
 pub(crate) fn remove_small(mesh: &mut Mesh, least: usize) {
-    let mut pieces = Pieces { parents: (0..mesh.positions.len() as u32).collect() };
+    let mut pieces = Sets::new(mesh.positions.len());
     for &[a, b, c] in &mesh.triangles {
         pieces.join(a, b);
         pieces.join(a, c);
@@ -13,27 +15,6 @@ pub(crate) fn remove_small(mesh: &mut Mesh, least: usize) {
     let mut counts = vec![0_usize; mesh.positions.len()];
     of_triangle.iter().for_each(|&piece| counts[piece as usize] += 1);
     mesh.retain(|triangle| counts[of_triangle[triangle] as usize] >= least);
-}
-
-/// Sets of connected vertices.
-struct Pieces {
-    parents: Vec<u32>,
-}
-
-impl Pieces {
-    fn find(&mut self, mut vertex: u32) -> u32 {
-        while self.parents[vertex as usize] != vertex {
-            let parent = self.parents[vertex as usize];
-            self.parents[vertex as usize] = self.parents[parent as usize];
-            vertex = parent;
-        }
-        vertex
-    }
-
-    fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.find(a), self.find(b));
-        self.parents[a.max(b) as usize] = a.min(b);
-    }
 }
 
 #[cfg(test)]

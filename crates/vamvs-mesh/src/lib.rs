@@ -6,13 +6,17 @@
 //! different sizes. What a view says counts by the inverse variance of its depth; what views see through is carved away;
 //! what none sees stays open.
 //!
-//! The mesh depends neither on the number of threads nor on the processor. This crate reads and writes no files.
+//! The mesh does not depend on the number of threads. This crate reads and writes no files.
 
 mod bricks;
 mod components;
 mod field;
+mod gaps;
 mod manifold;
 mod patches;
+mod pixel;
+mod rays;
+mod sets;
 mod simplify;
 mod surface;
 mod view;
@@ -37,6 +41,9 @@ const LARGER: f64 = 1.25;
 
 /// ... but not larger than this, in sizes of a pixel.
 const LARGEST_CELL: f64 = 64.0;
+
+/// The smallest cells, in sizes of a pixel.
+const SMALLEST_CELL: f64 = 0.25;
 
 /// How a mesh is made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,7 +76,7 @@ impl Mesher {
     /// # Errors
     /// If an option is out of its range.
     pub fn new(options: MeshOptions) -> Result<Self, MeshError> {
-        if !(0.25..=64.0).contains(&options.cell) {
+        if !(SMALLEST_CELL..=LARGEST_CELL).contains(&options.cell) {
             return Err(MeshError::Option {
                 name: "cell",
                 expected: "0.25 to 64 sizes of a pixel",
@@ -99,9 +106,10 @@ impl Mesher {
         let views: usize = self.views.iter().map(SeenView::bytes).sum();
         let left = memory.saturating_sub(views as u64);
         let mut cell = self.options.cell;
+        let points = bricks::points(&self.views, cell);
         loop {
-            let bricks = Bricks::around(&self.views, cell);
-            if bricks.all.len() as u64 * BRICK_BYTES <= left || cell > LARGEST_CELL {
+            let bricks = Bricks::around(&points, cell);
+            if bricks.all.len() as u64 * BRICK_BYTES <= left || cell >= LARGEST_CELL {
                 return Volume { mesher: self, bricks, cell };
             }
             cell *= LARGER;

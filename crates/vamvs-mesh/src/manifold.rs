@@ -9,6 +9,8 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use vamvs_core::Mesh;
 
+use crate::sets::Sets;
+
 /// A side of a triangle: its lower and upper vertex, and its number, 3 × triangle + place.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Side {
@@ -39,7 +41,8 @@ fn sides(mesh: &Mesh) -> Vec<Side> {
 /// Gives each fan of triangles around a vertex a vertex of its own.
 fn part_fans(mesh: &mut Mesh) {
     let sides = sides(mesh);
-    let mut fans = Fans { parents: (0..sides.len() as u32).collect() };
+    // Corners of triangles that are around a vertex.
+    let mut fans = Sets::new(sides.len());
     for edge in sides.chunk_by(|a, b| a.vertices == b.vertices) {
         let pairs = match edge {
             [a, b] => vec![[a.number, b.number]],
@@ -147,27 +150,6 @@ fn pairs(mesh: &Mesh, edge: &[Side]) -> Vec<[u32; 2]> {
         }
     }
     pairs
-}
-
-/// Corners of triangles that are around a vertex, by the lowest of them.
-struct Fans {
-    parents: Vec<u32>,
-}
-
-impl Fans {
-    fn find(&mut self, mut corner: u32) -> u32 {
-        while self.parents[corner as usize] != corner {
-            let parent = self.parents[corner as usize];
-            self.parents[corner as usize] = self.parents[parent as usize];
-            corner = parent;
-        }
-        corner
-    }
-
-    fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.find(a), self.find(b));
-        self.parents[a.max(b) as usize] = a.min(b);
-    }
 }
 
 #[cfg(test)]

@@ -92,9 +92,13 @@ fn view(body: &dyn Body, eye: &Vector3<f64>) -> MeshView {
 fn mesh(views: Vec<MeshView>, cell: f64) -> Mesh {
     let mut options = MeshOptions::default();
     options.cell = cell;
+    mesher(views, options).volume(u64::MAX).mesh()
+}
+
+fn mesher(views: Vec<MeshView>, options: MeshOptions) -> Mesher {
     let mut mesher = Mesher::new(options).expect("valid options");
     views.into_iter().for_each(|view| mesher.add(view).expect("rasters of one size"));
-    mesher.volume(u64::MAX).mesh()
+    mesher
 }
 
 /// The number of edges with one triangle; panics if one has more than two, or two that run the same way.
@@ -191,6 +195,22 @@ fn nearer_views_make_finer_cells_without_cracks() {
     );
 }
 
+/// Expects the mesh of `count` views to be within a pixel of a body, nearly everywhere within half of one, and to have a vertex within
+/// `farthest` pixels of all that is seen.
+fn expect_as_seen(body: &dyn Body, count: usize, cell: f64, farthest: f64) {
+    let views = views(body, count, 1.0);
+    let mesh = mesh(views.clone(), cell);
+    open_edges(&mesh);
+    let errors = errors(&mesh, body);
+    assert!(
+        quantile(&errors, 1.0) < 1.0 && quantile(&errors, 0.99) < 0.5,
+        "{:?}",
+        [0.5, 0.99, 1.0].map(|q| quantile(&errors, q))
+    );
+    let found = farthest_seen(&mesh, &views);
+    assert!(found < farthest, "{found}");
+}
+
 #[test]
 fn walls_of_two_pixels_have_both_sides() {
     let wall = 2.0 * PIXEL;
@@ -202,17 +222,7 @@ fn walls_of_two_pixels_have_both_sides() {
         slab([-0.7, -0.7, -0.4], [0.7, -0.7 + wall, 0.4]),
         slab([-0.7, 0.7 - wall, -0.4], [0.7, 0.7, 0.4]),
     ]);
-    let views = views(&body, 60, 1.0);
-    let mesh = mesh(views.clone(), 1.0);
-    open_edges(&mesh);
-    let errors = errors(&mesh, &body);
-    assert!(
-        quantile(&errors, 1.0) < 1.0 && quantile(&errors, 0.99) < 0.5,
-        "{:?}",
-        [0.5, 0.99, 1.0].map(|q| quantile(&errors, q))
-    );
-    let farthest = farthest_seen(&mesh, &views);
-    assert!(farthest < 1.5, "{farthest}");
+    expect_as_seen(&body, 60, 1.0, 1.5);
 }
 
 #[test]
@@ -222,17 +232,7 @@ fn a_stair_is_as_seen() {
         [Vector3::new(x, -0.6, -0.5), Vector3::new(0.8, 0.6, -0.3 + 0.2 * f64::from(i))]
     };
     let body = Cuboids((0..4).map(step).collect());
-    let views = views(&body, 40, 1.0);
-    let mesh = mesh(views.clone(), 1.5);
-    open_edges(&mesh);
-    let errors = errors(&mesh, &body);
-    assert!(
-        quantile(&errors, 1.0) < 1.0 && quantile(&errors, 0.99) < 0.5,
-        "{:?}",
-        [0.5, 0.99, 1.0].map(|q| quantile(&errors, q))
-    );
-    let farthest = farthest_seen(&mesh, &views);
-    assert!(farthest < 2.0, "{farthest}");
+    expect_as_seen(&body, 40, 1.5, 2.0);
 }
 
 #[test]
@@ -268,9 +268,7 @@ fn views_that_see_nothing_make_no_mesh_and_wrong_rasters_are_refused() {
 fn a_reduced_mesh_is_a_manifold_on_the_surface() {
     let mut options = MeshOptions::default();
     options.triangles = Some(0.2);
-    let mut mesher = Mesher::new(options).expect("valid options");
-    views(&Sphere, 24, 1.0).into_iter().for_each(|view| mesher.add(view).expect("rasters of one size"));
-    let reduced = mesher.volume(u64::MAX).mesh();
+    let reduced = mesher(views(&Sphere, 24, 1.0), options).volume(u64::MAX).mesh();
     let whole = mesh(views(&Sphere, 24, 1.0), 1.5);
     assert!(
         5 * reduced.triangles.len() <= whole.triangles.len() + 50,
@@ -286,8 +284,7 @@ fn a_reduced_mesh_is_a_manifold_on_the_surface() {
 
 #[test]
 fn little_memory_makes_larger_cells() {
-    let mut mesher = Mesher::new(MeshOptions::default()).expect("valid options");
-    views(&Sphere, 24, 1.0).into_iter().for_each(|view| mesher.add(view).expect("rasters of one size"));
+    let mesher = mesher(views(&Sphere, 24, 1.0), MeshOptions::default());
     let (whole, small) = (mesher.volume(u64::MAX), mesher.volume(17_500_000));
     assert_eq!(whole.cell(), 1.5);
     assert!(small.cell() > 1.5 && small.cell() < 6.0, "{}", small.cell());
@@ -298,9 +295,33 @@ fn little_memory_makes_larger_cells() {
 
 #[test]
 fn cells_of_any_size_close_a_sphere() {
-    for cell in [1.0, 2.5, 3.0, 4.0, 5.0, 6.0] {
+    for cell in [0.4, 1.0, 2.5, 3.0, 4.0, 5.0, 6.0] {
         let mesh = mesh(views(&Sphere, 24, 1.0), cell);
         assert_eq!(open_edges(&mesh), 0, "cells of {cell} pixels");
         assert!(quantile(&errors(&mesh, &Sphere), 1.0) < 0.2 * cell.max(2.0), "cells of {cell} pixels");
     }
+}
+
+#[test]
+fn small_gaps_in_what_is_confirmed_are_filled_and_places_without_depth_stay_open() {
+    let body = Cuboids(vec![[Vector3::new(-0.8, -0.8, -0.8), Vector3::new(0.8, 0.8, -0.5)]]);
+    let gap = |x: usize, y: usize| (100..106).contains(&x) && (110..116).contains(&y);
+    let seen = |confirmed: bool, depth: bool| {
+        let mut view = view(&body, &Vector3::new(0.1, 0.0, DISTANCE));
+        for y in 0..240 {
+            for x in 0..240 {
+                let wrong = gap(x, y) && view.depth[(x, y)] > 0.0;
+                if wrong {
+                    // Noise, or nothing.
+                    view.depth[(x, y)] = if depth { 3.0 + 0.1 * (x % 3) as f32 } else { 0.0 };
+                }
+            }
+        }
+        view.confirmed = Some(Grid::from_fn(view.camera.size, |x, y| confirmed || !gap(x, y)));
+        mesh(vec![view], 1.5)
+    };
+    let exact = |mesh: &Mesh| quantile(&errors(mesh, &body), 1.0) < 0.5;
+    let (filled, open) = (seen(false, true), seen(true, false));
+    assert!(exact(&filled) && exact(&open) && !exact(&seen(true, true)));
+    assert!(open_edges(&open) > open_edges(&filled) + 8);
 }

@@ -131,8 +131,16 @@ fn assemble<S: MapSource + ?Sized>(
 
 /// A view with what other views confirm of it.
 fn confirmed(view: FusionView, pixels: &ConsistentPixels) -> MeshView {
-    let FusionView { map, colour, normals, sigma, .. } = view;
+    let FusionView { map, mask, colour, normals, sigma } = view;
     let confirmed = Some(Grid::from_fn(map.depth.size(), |x, y| pixels.contains(x, y)));
-    let (camera, cam_from_world, depth) = (map.camera, map.cam_from_world, map.depth);
+    let (camera, cam_from_world, mut depth) = (map.camera, map.cam_from_world, map.depth);
+    if let Some(mask) = mask {
+        depth
+            .data_mut()
+            .iter_mut()
+            .zip(mask.data())
+            .filter(|(_, counts)| !**counts)
+            .for_each(|(depth, _)| *depth = 0.0);
+    }
     MeshView { camera, cam_from_world, depth, confirmed, sigma, normals, colour }
 }

@@ -21,11 +21,6 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     settings.use_threads()?;
     settings.apply_export(&arguments.export);
     let (progress, mut timing) = (Progress::of(&arguments.common), Timing::begin());
-    if settings::given_scene(&arguments.input)?.is_none() && arguments.input.images.is_some() {
-        bail!(
-            "--images needs the scene that the photographs are of: give its cameras too, as with --cams or --colmap"
-        );
-    }
     let folder = (arguments.depths.as_path(), settings.export.png_step);
     let masks = settings::masks_of(&arguments.input)?;
     let maps = super::open_maps(folder, &arguments.input, masks, &mut |event| progress.show(event))?;
@@ -56,22 +51,32 @@ pub fn run(arguments: &FuseArguments) -> Result<()> {
     super::expect_all_views(&arguments.common, &fused.skipped)
 }
 
-/// Fuses all readable depth maps; with `--strict` all must be readable. Maps are read when they are
-/// needed. Only if one cannot be read, all are checked and the readable ones are fused again.
+/// Fuses all readable depth maps, as [`of_readable`].
 pub fn merge_readable(
     maps: Maps,
     cloud: &Path,
     settings: &Settings,
     (common, progress): (&CommonFlags, &Progress),
 ) -> Result<(Maps, FuseSummary)> {
-    match merge(&maps, cloud, settings, progress) {
+    of_readable(maps, settings, (common, progress), |maps| merge(maps, cloud, settings, progress))
+}
+
+/// Makes something of all readable depth maps; with `--strict` all must be readable. Maps are read when they are needed. Only if
+/// one cannot be read, all are checked and it is made again of the readable ones.
+pub fn of_readable<T>(
+    maps: Maps,
+    settings: &Settings,
+    (common, progress): (&CommonFlags, &Progress),
+    make: impl Fn(&Maps) -> Result<T>,
+) -> Result<(Maps, T)> {
+    match make(&maps) {
         Err(error) if is_unreadable(&error) => {
             let maps = maps.readable(settings.fusion.max_memory, &mut |event| progress.show(event))?;
             super::expect_all_views(common, maps.left_out())?;
-            let fused = merge(&maps, cloud, settings, progress)?;
-            Ok((maps, fused))
+            let made = make(&maps)?;
+            Ok((maps, made))
         }
-        fused => Ok((maps, fused?)),
+        made => Ok((maps, made?)),
     }
 }
 

@@ -6,6 +6,7 @@ use anyhow::Result;
 use serde_json::json;
 use vamvs::{Maps, MeshSummary};
 
+use super::fuse;
 use crate::arguments::MeshArguments;
 use crate::progress::Progress;
 use crate::settings::{self, Settings, roi, set};
@@ -23,14 +24,16 @@ pub fn run(arguments: &MeshArguments) -> Result<()> {
     let maps = super::open_maps(folder, &arguments.input, masks, &mut |event| progress.show(event))?;
     super::expect_masks(arguments.input.masks.as_deref(), &maps.scene().views)?;
     let file = arguments.out.clone().unwrap_or_else(|| maps.root().join("mesh.ply"));
-    let made = make(&maps, &file, &settings, &progress)?;
+    let common = &arguments.common;
+    let make = |maps: &Maps| make(maps, &file, &settings, &progress);
+    let (maps, made) = fuse::of_readable(maps, &settings, (common, &progress), make)?;
     progress.finish();
-    if arguments.common.json {
+    if common.json {
         say!("{}", as_json(&made));
     } else {
         say!("{}", made.file.display());
     }
-    Ok(())
+    super::expect_all_views(common, maps.left_out())
 }
 
 /// Makes and writes the mesh, and says how large it is.

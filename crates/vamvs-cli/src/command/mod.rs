@@ -61,6 +61,11 @@ fn open_maps(
     show: &mut dyn FnMut(Event) -> ControlFlow<()>,
 ) -> Result<Maps> {
     let Some(scene) = settings::given_scene(input)? else {
+        if input.images.is_some() {
+            bail!(
+                "--images needs the scene that the photographs are of: give its cameras too, as with --cams or --colmap"
+            );
+        }
         return Ok(Maps::open(folder, masks, show)?);
     };
     Ok(Maps::open_with(folder, &scene.load()?, png_step, masks, show)?)

@@ -40,6 +40,15 @@ pub fn read_mesh(path: &Path) -> Result<(Cloud, Vec<[u32; 3]>), IoError> {
     Ok((vertices, triangles.into_iter().map(|triangle| triangle.map(|vertex| vertex as u32)).collect()))
 }
 
+/// Whether a PLY file is a mesh: its header announces faces.
+///
+/// # Errors
+/// As [`super::read`].
+pub fn is_mesh(path: &Path) -> Result<bool, IoError> {
+    let (_, header) = open_vertices(path)?;
+    Ok(header.elements.get(NAME).is_some_and(|faces| faces.count > 0))
+}
+
 /// A face: its vertices' numbers.
 struct Face(Vec<i64>);
 

@@ -12,6 +12,6 @@ pub mod reader;
 mod vertex;
 pub mod writer;
 
-pub use faces::read_mesh;
+pub use faces::{is_mesh, read_mesh};
 pub use reader::{read, read_positions, read_some};
 pub use writer::{Coordinates, PlyWriter, write};

@@ -11,8 +11,8 @@ use vamvs_io::ply;
 
 use crate::VamvsError;
 
-/// The points on a mesh where no resolution is given.
-const A_MILLION: f64 = 1e6;
+/// The most points that are taken of a mesh.
+const MOST_POINTS: f64 = 2e7;
 
 /// How a cloud is measured.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,9 +60,8 @@ impl CloudProtocol {
     /// # Errors
     /// If a file cannot be read or has no points, or the clouds do not fit the protocol.
     pub fn scores(&self, cloud: &Path, ground_truth: &Path) -> Result<CloudScores, VamvsError> {
-        let places = |points: Cloud| points.iter().map(|point| point.x_in_world).collect::<Vec<_>>();
-        let [cloud, ground_truth] =
-            [points(cloud, self.resolution())?, points(ground_truth, self.resolution())?].map(places);
+        let resolution = self.resolution();
+        let (cloud, ground_truth) = (read(cloud, resolution)?, read(ground_truth, resolution)?);
         let refused = |error: TooFine| VamvsError::Request(error.to_string());
         Ok(match self {
             Self::Dtu(protocol) => CloudScores::Dtu(protocol.scores(&cloud, &ground_truth).map_err(refused)?),
@@ -82,20 +81,21 @@ impl CloudProtocol {
     }
 }
 
-/// The points of a PLY file or, if it is a mesh, points on its triangles: half the resolution apart or, without one, a million.
-pub(super) fn points(path: &Path, resolution: Option<f64>) -> Result<Cloud, VamvsError> {
-    let (vertices, triangles) = ply::read_mesh(path)?;
-    let points = match triangles.is_empty() {
-        true => vertices.into_iter().filter(|point| point.x_in_world.iter().all(|x| x.is_finite())).collect(),
-        false => {
-            let spacing =
-                resolution.filter(|resolution| *resolution > 0.0).map(|resolution| resolution / 2.0);
-            let spacing = spacing.unwrap_or_else(|| (area(&vertices, &triangles) / A_MILLION).sqrt());
-            samples(&vertices, &triangles, spacing)
-        }
+/// The positions of a PLY file's points or, if it is a mesh, of points on it.
+fn read(path: &Path, resolution: Option<f64>) -> Result<Vec<[f64; 3]>, VamvsError> {
+    let points = match ply::is_mesh(path)? {
+        true => on_mesh(path, resolution)?.iter().map(|point| point.x_in_world).collect(),
+        false => ply::read_positions(path)?,
     };
     match points.len() {
         0 => Err(VamvsError::Request(format!("{}: expected a cloud, found no points", path.display()))),
         _ => Ok(points),
     }
+}
+
+/// Points on a mesh, half the resolution apart; fewer where these are too many, and the most where no resolution is given.
+pub(super) fn on_mesh(path: &Path, resolution: Option<f64>) -> Result<Cloud, VamvsError> {
+    let (vertices, triangles) = ply::read_mesh(path)?;
+    let least = (area(&vertices, &triangles) / MOST_POINTS).sqrt();
+    Ok(samples(&vertices, &triangles, least.max(resolution.unwrap_or(0.0) / 2.0)))
 }

@@ -7,6 +7,7 @@ use vamvs_core::{Cloud, DepthMap};
 use vamvs_eval::surface::{TrueMap, seen_twice};
 use vamvs_eval::{CloudDistances, CloudErrors, Threshold, thin};
 use vamvs_fusion::MapSource;
+use vamvs_io::ply;
 
 use super::depth::{DepthScene, SceneErrors, median_depth};
 use crate::VamvsError;
@@ -88,7 +89,10 @@ impl ComparedCloud {
         let thresholds = distances(thresholds, &ground_truth);
         let least = thresholds.first().copied().unwrap_or(0.0);
         let ground_truth = surface(&ground_truth, 0.5 * least)?;
-        let cloud = super::cloud::points(cloud, Some(least))?;
+        let cloud = match ply::is_mesh(cloud)? {
+            true => super::cloud::on_mesh(cloud, Some(least))?,
+            false => ply::read(cloud)?,
+        };
         let places: Vec<[f64; 3]> = cloud.iter().map(|point| point.x_in_world).collect();
         let distances = CloudDistances::between(&places, &ground_truth);
         Ok(Self { cloud, ground_truth, distances, thresholds })
