@@ -34,7 +34,7 @@ pub use mesh::{MeshArguments, MeshFlags};
 pub use refine::RefineArguments;
 pub use synth::{AssetFlags, SynthArguments};
 pub use tasks::{DepthCommand, DepthStepFlags, DepthTask, TasksArguments};
-pub use tasks::{FusionStepFlags, FusionTask};
+pub use tasks::{FusionStepFlags, FusionTask, MeshStepFlags, MeshTask};
 #[cfg(feature = "torch")]
 pub use train::{SampleFlags, TrainArguments, TrainPreset, TrainingFlags};
 

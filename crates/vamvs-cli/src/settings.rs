@@ -117,6 +117,7 @@ impl Settings {
     pub fn apply_mesh(&mut self, flags: &MeshFlags) {
         set(&mut self.mesh.cell, flags.cell);
         set(&mut self.mesh.min_triangles, flags.min_triangles);
+        set(&mut self.mesh.close_holes, flags.close_holes);
         set(&mut self.mesh.triangles, flags.triangles.map(Some));
     }
 

@@ -27,6 +27,7 @@ pub mod similarity;
 pub mod undistort;
 pub mod view_selection;
 pub mod visibility;
+mod wide;
 pub mod window_knn;
 
 pub use camera::{Camera, Pinhole};

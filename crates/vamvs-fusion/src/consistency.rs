@@ -22,8 +22,8 @@ use crate::pair::Pair;
 use crate::photometric::FilteredView;
 use crate::round_trip::{Answers, Strip, ask};
 use crate::sample::Sample;
-use crate::wide::widened;
 use crate::{Consistency, FuseOptions};
+use vamvs_core::widened;
 
 /// The triangulation angle from which a vote counts in full, radians (2°).
 const FULL_PARALLAX: f32 = 0.035;

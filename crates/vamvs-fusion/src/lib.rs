@@ -49,7 +49,6 @@ mod schedule;
 mod source;
 mod spacing;
 mod surface;
-mod wide;
 
 pub use collector::{Batch, Collector};
 pub use error::{BoxError, FuseError};

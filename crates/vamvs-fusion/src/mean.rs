@@ -15,7 +15,7 @@ use crate::pair::Pair;
 use crate::photometric::focal;
 use crate::points::USUAL_VIEWS;
 use crate::round_trip::{Answers, PREFETCH_ROWS, prefetch};
-use crate::wide::widened;
+use vamvs_core::widened;
 
 /// The least confidence in the weight of a depth.
 const LEAST_CONFIDENCE: f32 = 0.02;

@@ -20,7 +20,7 @@ use crate::mean::{Means, Viewpoint};
 use crate::pair::Pair;
 use crate::priority::Ranking;
 use crate::round_trip::{Answers, Strip, ask, inverse_depths_in_source};
-use crate::wide::widened;
+use vamvs_core::widened;
 
 /// Number of pixels in a batch, so that the points of a large view take little memory.
 const BATCH: usize = 1 << 18;

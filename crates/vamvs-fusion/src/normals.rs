@@ -11,7 +11,7 @@ use vamvs_core::Grid;
 
 use crate::photometric::FilteredView;
 use crate::sample::Sample;
-use crate::wide::widened;
+use vamvs_core::widened;
 
 /// Pixels to each side that a normal is fitted to.
 const RADIUS: usize = 2;

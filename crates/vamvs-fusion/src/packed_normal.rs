@@ -1,6 +1,6 @@
 //! Unit normals in four bytes.
 
-use crate::wide::widened;
+use vamvs_core::widened;
 
 /// A unit normal or none, in octahedral encoding (Cigolle et al. 2014), exact to 0.006°: two coordinates of 16 bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -10,8 +10,8 @@ use vamvs_core::depth_map::is_valid;
 use vamvs_core::{Grid, Pinhole, Pose, Size};
 
 use crate::sample::Sample;
-use crate::wide::widened;
 use crate::{FuseError, FuseOptions, MapSource, MaskedMap, ViewReport};
+use vamvs_core::widened;
 
 /// Tangent of the steepest slope against the image plane that counts as surface; beyond it (80.5°)
 /// neighbouring depths belong to different surfaces.

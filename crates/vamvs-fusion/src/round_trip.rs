@@ -14,7 +14,7 @@ use crate::lanes::{
 };
 use crate::pair::Pair;
 use crate::sample::{Sample, pairs};
-use crate::wide::widened;
+use vamvs_core::widened;
 
 /// Pixels of one row of the reference view.
 #[derive(Clone, Debug)]

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::collections::{BTreeSet, HashSet};
 
-use crate::view::SeenView;
+use crate::outline::{Outline, SeenPlace};
 
 /// Cells along an edge of a brick, as a power of two.
 pub(crate) const BRICK_BITS: u32 = 3;
@@ -17,12 +17,6 @@ pub(crate) const BRICK: i32 = 1 << BRICK_BITS;
 
 /// Cells to each side of a surface that are in bricks.
 const BAND: f64 = 2.5;
-
-/// The largest distance of pixels, columns and rows, that are asked for their places...
-const MOST_STRIDE: usize = 3;
-
-/// ... which is less than a brick's width: bricks of cells of one pixel are at least so many pixels wide.
-const BRICK_PIXELS: f64 = 5.0;
 
 /// Levels finer and coarser than that of a typical pixel.
 const MOST_LEVELS: i32 = 7;
@@ -94,32 +88,33 @@ pub(crate) struct Bricks {
 }
 
 impl Bricks {
-    /// Bricks around places on surfaces, with cells of so many sizes of the finest pixel that sees a place.
-    pub fn around(points: &[SeenPoint], cell: f64) -> Self {
-        let Some(typical) = median(points.iter().map(|point| cell * point.1)) else {
+    /// Bricks around the places that views see, with cells of so many sizes of the finest pixel that sees a place.
+    pub fn around(outlines: &[Outline], cell: f64) -> Self {
+        let Some(pixel) = median(outlines.iter().flat_map(Outline::pixel_sizes).collect()) else {
             return Self::new(Vector3::zeros(), 1.0, Vec::new());
         };
+        let typical = cell * f64::from(pixel);
         let level =
             |pixel: f64| ((cell * pixel / typical).log2().round() as i32).clamp(-MOST_LEVELS, MOST_LEVELS);
-        let finest = points.iter().map(|point| level(point.1)).min().unwrap_or(0);
-        let (low, high) = bounds(points);
+        let Bounds { low, high, finest: pixel } = Bounds::of(outlines);
+        let finest = level(pixel);
         let fitting = (high - low).max() / f64::from(BRICK << (AXIS_BITS - 2));
         let unit = (typical * f64::from(finest).exp2()).max(fitting);
         // A margin for the band and for coarse bricks.
         let margin = unit * f64::from(BRICK << (2 * MOST_LEVELS));
         let origin = low - Vector3::repeat(margin.min(unit * f64::from(BRICK << (AXIS_BITS - 2))));
-        let touched = |(point, pixel): &SeenPoint| {
-            let level = (level(*pixel) - finest).max(0) as u32;
+        let touched = |(place, pixel): SeenPlace| {
+            let level = (level(pixel) - finest).max(0) as u32;
             let band = BAND * unit * f64::from(1 << level);
             let corner = move |part: u8| {
                 let sign = |axis: u8| if part >> axis & 1 == 1 { band } else { -band };
-                let place = (point - origin + Vector3::new(sign(0), sign(1), sign(2))) / unit;
-                Brick::around(place.map(|x| x.floor() as i32), level)
+                let at = (place - origin + Vector3::new(sign(0), sign(1), sign(2))) / unit;
+                Brick::around(at.map(|x| x.floor() as i32), level)
             };
-            (0..8).map(corner).collect::<Vec<_>>()
+            (0..8).map(corner)
         };
-        let touched =
-            points.par_chunks(4096).map(|part| part.iter().flat_map(touched).collect::<HashSet<_>>());
+        let of_view = |outline: &Outline| outline.places().flat_map(touched).collect::<HashSet<_>>();
+        let touched = outlines.par_iter().map(of_view);
         let touched =
             touched.reduce(HashSet::new, |a, b| if a.len() > b.len() { joined(a, b) } else { joined(b, a) });
         Self::new(origin, unit, graded(touched))
@@ -152,36 +147,54 @@ impl Bricks {
         self.all[number].contains(cell).then_some(number)
     }
 
+    /// A ball around a brick, in the world: its middle and its radius.
+    pub fn ball(&self, brick: usize) -> (Vector3<f64>, f64) {
+        let brick = self.all[brick];
+        let half = f64::from(brick.width()) / 2.0;
+        let middle = brick.low.cast::<f64>() + Vector3::repeat(half);
+        (self.x_in_world(&middle), half * 3.0_f64.sqrt() * self.unit)
+    }
+
     /// The world's place of a point of the grid.
     pub fn x_in_world(&self, place: &Vector3<f64>) -> Vector3<f64> {
         self.origin + place * self.unit
     }
 }
 
-/// A place in the world that a view sees, and the pixel's size there, scene units.
-type SeenPoint = (Vector3<f64>, f64);
-
-/// Places that views see, at least one for each brick of cells of this many sizes of a pixel.
-pub(crate) fn points(views: &[SeenView], cell: f64) -> Vec<SeenPoint> {
-    let stride = ((BRICK_PIXELS * cell) as usize).clamp(1, MOST_STRIDE);
-    let of_view = |view: &SeenView| -> Vec<SeenPoint> {
-        let size = view.size();
-        let columns = || (0..size.width).step_by(stride);
-        let rows = (0..size.height).step_by(stride);
-        rows.flat_map(|y| columns().filter_map(move |x| view.point((x, y)))).collect()
-    };
-    views.par_iter().flat_map_iter(of_view).collect()
+/// The corners of a box around all places, and the size of the finest pixel.
+#[derive(Clone, Copy)]
+struct Bounds {
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+    finest: f64,
 }
 
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.collect();
+impl Bounds {
+    fn of(outlines: &[Outline]) -> Self {
+        let none = || {
+            let infinite = Vector3::repeat(f64::INFINITY);
+            Self { low: infinite, high: -infinite, finest: f64::INFINITY }
+        };
+        let of_view = |outline: &Outline| {
+            let places =
+                outline.places().map(|(place, pixel)| Self { low: place, high: place, finest: pixel });
+            places.fold(none(), Self::with)
+        };
+        outlines.par_iter().map(of_view).reduce(none, Self::with)
+    }
+
+    fn with(self, other: Self) -> Self {
+        Self {
+            low: self.low.inf(&other.low),
+            high: self.high.sup(&other.high),
+            finest: self.finest.min(other.finest),
+        }
+    }
+}
+
+fn median(mut values: Vec<f32>) -> Option<f32> {
     let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
-}
-
-fn bounds(points: &[SeenPoint]) -> (Vector3<f64>, Vector3<f64>) {
-    let begin = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
-    points.iter().fold(begin, |(low, high), (point, _)| (low.inf(point), high.sup(point)))
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
 fn joined(mut all: HashSet<Brick>, more: HashSet<Brick>) -> HashSet<Brick> {

@@ -1,16 +1,21 @@
 //! The signed distance from the surface at the corners of cells: the mean of what all views say.
 
+use std::sync::{Arc, OnceLock};
+
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use crate::bricks::{BRICK, Brick, Bricks, Place};
+use crate::opinion::{Opinions, PLACES, Places};
 use crate::view::SeenView;
 
 /// Corners along an edge of a brick.
 const CORNERS: usize = BRICK as usize + 1;
 
+/// Corners of a slice of a brick, 9×9.
+const SLICE: usize = PLACES;
+
 /// Corners of a brick's cells.
-const VALUES: usize = CORNERS * CORNERS * CORNERS;
+const VALUES: usize = CORNERS * SLICE;
 
 /// The value of places that no view sees.
 const UNKNOWN: i16 = i16::MIN;
@@ -26,37 +31,42 @@ enum Values {
     All(Box<[i16; VALUES]>),
 }
 
-/// Signed distances at the corners of all bricks' cells.
+/// Signed distances at the corners of bricks' cells, each brick's when they are first asked for.
 pub(crate) struct Field<'a> {
     pub bricks: &'a Bricks,
-    values: Vec<Values>,
+    values_of: Box<dyn Fn(usize) -> Box<[i16; VALUES]> + Sync + 'a>,
+    values: Vec<OnceLock<Values>>,
 }
 
 impl<'a> Field<'a> {
-    /// The field of what all views say; `near` is what is near a surface, sizes of a pixel.
-    pub fn of(bricks: &'a Bricks, views: &[SeenView], near: f32) -> Self {
-        let of_brick = |brick| reduced(bricks, brick, values(bricks, (views, near), bricks.all[brick]));
-        Self { bricks, values: (0..bricks.all.len()).into_par_iter().map(of_brick).collect() }
+    /// The field of what views say; `near` is what is near a surface, sizes of a pixel.
+    pub fn of(bricks: &'a Bricks, views: &'a [Arc<SeenView>], near: f32) -> Self {
+        Self::new(bricks, move |brick| values(bricks, (views, near), brick))
+    }
+
+    fn new(bricks: &'a Bricks, values_of: impl Fn(usize) -> Box<[i16; VALUES]> + Sync + 'a) -> Self {
+        let values = bricks.all.iter().map(|_| OnceLock::new()).collect();
+        Self { bricks, values_of: Box::new(values_of), values }
     }
 
     /// The field of a function, which says `None` where it is unknown.
     #[cfg(test)]
-    pub fn of_function(bricks: &'a Bricks, f: impl Fn(Vector3<f64>) -> Option<f64> + Sync) -> Self {
-        let of_brick = |number: usize| {
+    pub fn of_function(bricks: &'a Bricks, f: impl Fn(Vector3<f64>) -> Option<f64> + Sync + 'a) -> Self {
+        let of_brick = move |number: usize| {
             let brick = bricks.all[number];
             let cell = bricks.unit as f32 * brick.cell() as f32;
             let at = |number: usize| {
                 let distance = f(bricks.x_in_world(&corner(brick, number).cast()));
                 distance.map_or(UNKNOWN, |distance| packed(distance as f32, cell, true))
             };
-            reduced(bricks, number, Box::new(std::array::from_fn(at)))
+            Box::new(std::array::from_fn(at))
         };
-        Self { bricks, values: (0..bricks.all.len()).into_par_iter().map(of_brick).collect() }
+        Self::new(bricks, of_brick)
     }
 
     /// Whether a surface may go through a brick.
     pub fn may_have_surface(&self, brick: usize) -> bool {
-        matches!(self.values[brick], Values::All(_))
+        matches!(self.values(brick), Values::All(_))
     }
 
     /// The distance at a point of the grid that is a corner of a brick's cell, in sizes of that brick's cells; `None` if
@@ -73,8 +83,13 @@ impl<'a> Field<'a> {
     }
 
     #[inline]
+    fn values(&self, brick: usize) -> &Values {
+        self.values[brick].get_or_init(|| reduced(self.bricks, brick, (self.values_of)(brick)))
+    }
+
+    #[inline]
     fn value(&self, brick: usize, place: &Place) -> Option<i16> {
-        let value = match &self.values[brick] {
+        let value = match self.values(brick) {
             Values::Uniform(value) => (*value)?,
             Values::All(values) => {
                 let Brick { low, level } = self.bricks.all[brick];
@@ -112,35 +127,38 @@ fn packed(distance: f32, cell: f32, is_near: bool) -> i16 {
 }
 
 /// The values of a brick. Each depends on the place alone, not on the brick, so bricks agree on corners that they share.
-fn values(bricks: &Bricks, (views, near): (&[SeenView], f32), brick: Brick) -> Box<[i16; VALUES]> {
-    let middle = brick.low.cast::<f64>() + Vector3::repeat(f64::from(brick.width()) / 2.0);
-    let radius = f64::from(brick.width()) / 2.0 * 3.0_f64.sqrt() * bricks.unit;
-    let middle = bricks.x_in_world(&middle);
-    let mut sums = [(0.0_f32, 0.0_f32, false); VALUES];
-    for view in views.iter().filter(|view| view.may_see((&middle, radius), near)) {
-        add(bricks, (view, near), brick, &mut sums);
-    }
-    let cell = bricks.unit as f32 * brick.cell() as f32;
-    let mean = |(distance, weight, is_near)| {
-        if weight > 0.0 { packed(distance / weight, cell, is_near) } else { UNKNOWN }
-    };
-    Box::new(sums.map(mean))
-}
-
-/// Adds what a view says of a brick's corners to the sums of distances and weights.
-fn add(bricks: &Bricks, (view, near): (&SeenView, f32), brick: Brick, sums: &mut [(f32, f32, bool); VALUES]) {
-    let pose = &view.cam_from_world;
-    let at_origin = pose.transform(&bricks.origin);
-    let [along_x, along_y, along_z] = [0, 1, 2].map(|axis| pose.rotation.column(axis) * bricks.unit);
-    for (number, row) in sums.as_chunks_mut::<CORNERS>().0.iter_mut().enumerate() {
-        let first = corner(brick, number * CORNERS);
-        let begin = at_origin + along_z * f64::from(first.z) + along_y * f64::from(first.y);
-        for (step, sum) in row.iter_mut().enumerate() {
-            let x = f64::from(first.x + step as i32 * brick.cell());
-            let opinion = view.opinion(&(begin + along_x * x), near);
-            sum.0 += opinion.weight * opinion.distance;
-            sum.1 += opinion.weight;
-            sum.2 |= opinion.is_near;
+fn values(bricks: &Bricks, (views, near): (&[Arc<SeenView>], f32), number: usize) -> Box<[i16; VALUES]> {
+    let brick = bricks.all[number];
+    let (middle, radius) = bricks.ball(number);
+    let mut slices = [Opinions::default(); CORNERS];
+    for view in views.iter().filter(|view| view.sight.may_see((&middle, radius), near)) {
+        for (z, slice) in slices.iter_mut().enumerate() {
+            view.add(&places(bricks, view, brick, z), near, slice);
         }
     }
+    let cell = bricks.unit as f32 * brick.cell() as f32;
+    let mean = |number: usize| {
+        let (slice, number) = (&slices[number / SLICE], number % SLICE);
+        let (distance, weight) = (slice.distances[number], slice.weights[number]);
+        if weight > 0.0 { packed(distance / weight, cell, slice.are_near[number] > 0.0) } else { UNKNOWN }
+    };
+    Box::new(std::array::from_fn(mean))
+}
+
+/// The places of a slice of a brick's corners in a view's frame.
+fn places(bricks: &Bricks, view: &SeenView, brick: Brick, z: usize) -> Places {
+    let pose = &view.sight.cam_from_world;
+    let at_origin = pose.transform(&bricks.origin);
+    let mut places = [[0.0; SLICE]; 3];
+    for (axis, values) in places.iter_mut().enumerate() {
+        let [along_x, along_y, along_z] = [0, 1, 2].map(|column| pose.rotation[(axis, column)] * bricks.unit);
+        for (y, row) in values.as_chunks_mut::<CORNERS>().0.iter_mut().enumerate() {
+            let first = corner(brick, (z * CORNERS + y) * CORNERS);
+            let begin = at_origin[axis] + along_z * f64::from(first.z) + along_y * f64::from(first.y);
+            for (x, value) in row.iter_mut().enumerate() {
+                *value = (begin + along_x * f64::from(first.x + x as i32 * brick.cell())) as f32;
+            }
+        }
+    }
+    places
 }

@@ -30,7 +30,7 @@ pub(crate) fn fill(rays: &Rays, surfaces: &mut Grid<PixelSurface>, confirmed: &G
     let drop = |(surface, is_confirmed): (&mut PixelSurface, &bool)| {
         let is_open = surface.depth > 0.0 && !is_confirmed;
         if is_open {
-            *surface = PixelSurface::default();
+            *surface = PixelSurface::unknown();
         }
         is_open
     };
@@ -42,7 +42,7 @@ pub(crate) fn fill(rays: &Rays, surfaces: &mut Grid<PixelSurface>, confirmed: &G
         rows.for_each(|(y, (row, is_open))| {
             for (x, (surface, is_open)) in row.iter_mut().zip(is_open).enumerate() {
                 if *is_open && surface.depth <= 0.0 {
-                    *surface = between(rays, &before, (x, y), step).unwrap_or_default();
+                    *surface = between(rays, &before, (x, y), step).unwrap_or_else(PixelSurface::unknown);
                 }
             }
         });

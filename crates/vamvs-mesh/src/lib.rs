@@ -1,46 +1,46 @@
 //! A triangle mesh of depth maps.
 //!
-//! Views are given to a [`Mesher`] one by one. It integrates them in a signed distance (Curless and Levoy, "A volumetric
+//! A [`Mesher`] integrates views in a signed distance (Curless and Levoy, "A volumetric
 //! method for building complex models from range images") at the corners of an octree's cells, each place as fine as the
 //! finest pixel that sees it, and takes the surface where it is zero (dual contouring), without cracks between cells of
 //! different sizes. What a view says counts by the inverse variance of its depth; what views see through is carved away;
 //! what none sees stays open.
 //!
-//! The mesh does not depend on the number of threads. This crate reads and writes no files.
+//! The volume is laid out around what all views see in short ([`Outline`]), and worked on block by block, each with the views
+//! that may see it, so memory does not grow with the number of views; processes can share the blocks. The mesh depends neither
+//! on the number of threads nor on the memory, unless that is too little for cells of the size that was asked for.
+//! This crate reads and writes no files.
 
+mod assembly;
 mod bricks;
 mod components;
 mod field;
 mod gaps;
+mod holes;
 mod manifold;
+mod mesher;
+mod opinion;
+mod outline;
 mod patches;
 mod pixel;
 mod rays;
 mod sets;
+mod sight;
 mod simplify;
+mod stock;
 mod surface;
 mod view;
+mod volume;
 
-use nalgebra::Vector3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use vamvs_core::{Grid, Mesh, Pinhole, Pose, Rgb, Size};
+use vamvs_core::{Grid, Pinhole, Pose, Rgb, Size};
 
-use bricks::Bricks;
-use field::Field;
-use view::SeenView;
+pub use assembly::{Assembly, BlockSurface};
+pub use mesher::Mesher;
+pub use outline::Outline;
+pub use volume::{Block, Volume};
 
-/// A surface is near within this distance, in cells of the width that is asked for: they are up to √2 times as wide.
-const NEAR: f32 = 1.5;
-
-/// Bytes that a brick takes on average: distances, vertices, triangles, and what makes them a manifold.
-const BRICK_BYTES: u64 = 8000;
-
-/// By how much cells are larger where the volume takes too much memory...
-const LARGER: f64 = 1.25;
-
-/// ... but not larger than this, in sizes of a pixel.
-const LARGEST_CELL: f64 = 64.0;
+use volume::LARGEST_CELL;
 
 /// The smallest cells, in sizes of a pixel.
 const SMALLEST_CELL: f64 = 0.25;
@@ -54,120 +54,33 @@ pub struct MeshOptions {
     pub cell: f64,
     /// Pieces of fewer triangles are left out.
     pub min_triangles: usize,
+    /// Holes with at most so many edges around are closed, unless a view sees through them.
+    pub close_holes: usize,
     /// The mesh is reduced to this number of triangles or, below 1, this share of them.
     pub triangles: Option<f64>,
 }
 
 impl Default for MeshOptions {
     fn default() -> Self {
-        Self { cell: 1.5, min_triangles: 100, triangles: None }
+        Self { cell: 1.5, min_triangles: 100, close_holes: 30, triangles: None }
     }
 }
 
-/// Makes a mesh of views.
-pub struct Mesher {
-    options: MeshOptions,
-    views: Vec<SeenView>,
-}
-
-impl Mesher {
-    /// A mesher without views.
+impl MeshOptions {
+    /// Checks the options.
     ///
     /// # Errors
-    /// If an option is out of its range.
-    pub fn new(options: MeshOptions) -> Result<Self, MeshError> {
-        if !(SMALLEST_CELL..=LARGEST_CELL).contains(&options.cell) {
-            return Err(MeshError::Option {
-                name: "cell",
-                expected: "0.25 to 64 sizes of a pixel",
-                found: options.cell,
-            });
+    /// If one is out of its range.
+    pub fn validate(&self) -> Result<(), MeshError> {
+        if !(SMALLEST_CELL..=LARGEST_CELL).contains(&self.cell) {
+            let expected = "0.25 to 64 sizes of a pixel";
+            return Err(MeshError::Option { name: "cell", expected, found: self.cell });
         }
-        if let Some(found) = options.triangles.filter(|triangles| *triangles <= 0.0 || triangles.is_nan()) {
+        if let Some(found) = self.triangles.filter(|triangles| *triangles <= 0.0 || triangles.is_nan()) {
             let expected = "a number of triangles, or a share of them below 1";
             return Err(MeshError::Option { name: "triangles", expected, found });
         }
-        Ok(Self { options, views: Vec::new() })
-    }
-
-    /// Adds a view: takes eleven bytes for each of its pixels.
-    ///
-    /// # Errors
-    /// If a raster has another size than the camera.
-    pub fn add(&mut self, view: MeshView) -> Result<(), MeshError> {
-        self.views.push(SeenView::new(self.views.len(), view)?);
         Ok(())
-    }
-
-    /// The volume around all that the views see, with cells as the options say or, where it would then take more than `memory`
-    /// bytes with the views, with larger ones.
-    #[must_use]
-    pub fn volume(&self, memory: u64) -> Volume<'_> {
-        let views: usize = self.views.iter().map(SeenView::bytes).sum();
-        let left = memory.saturating_sub(views as u64);
-        let mut cell = self.options.cell;
-        let points = bricks::points(&self.views, cell);
-        loop {
-            let bricks = Bricks::around(&points, cell);
-            if bricks.all.len() as u64 * BRICK_BYTES <= left || cell >= LARGEST_CELL {
-                return Volume { mesher: self, bricks, cell };
-            }
-            cell *= LARGER;
-        }
-    }
-
-    /// The colour of a place on the surface: the mean over the views, mostly of those that see it with the most pixels.
-    fn colour(&self, x_in_world: &Vector3<f64>) -> Rgb {
-        let mut sum = (Vector3::zeros(), f32::MIN_POSITIVE);
-        for view in &self.views {
-            if let Some((colour, weight)) = view.colour(&view.cam_from_world.transform(x_in_world)) {
-                sum = (sum.0 + colour * weight, sum.1 + weight);
-            }
-        }
-        (sum.0 / sum.1).map(|value| value.round() as u8).into()
-    }
-}
-
-/// The volume that a surface is looked for in.
-pub struct Volume<'a> {
-    mesher: &'a Mesher,
-    bricks: Bricks,
-    cell: f64,
-}
-
-impl Volume<'_> {
-    /// The width of its cells, in sizes of the finest pixel that sees a place.
-    #[must_use]
-    pub fn cell(&self) -> f64 {
-        self.cell
-    }
-
-    /// The mesh of all views. It has no triangles if none of them sees anything.
-    #[must_use]
-    pub fn mesh(&self) -> Mesh {
-        let Self { mesher, bricks, cell } = self;
-        let surface = surface::extract(&Field::of(bricks, &mesher.views, NEAR * *cell as f32));
-        let origin = bricks.x_in_world(&surface.positions.first().copied().unwrap_or_default());
-        let relative = |position: &Vector3<f64>| (bricks.x_in_world(position) - origin).cast::<f32>().into();
-        let mut mesh = Mesh {
-            origin: origin.into(),
-            positions: surface.positions.par_iter().map(relative).collect(),
-            triangles: surface.triangles,
-            ..Mesh::default()
-        };
-        manifold::separate(&mut mesh);
-        components::remove_small(&mut mesh, mesher.options.min_triangles);
-        if let Some(triangles) = mesher.options.triangles {
-            let all = mesh.triangles.len();
-            let wanted = if triangles < 1.0 { triangles * all as f64 } else { triangles };
-            simplify::reduce(&mut mesh, wanted as usize);
-            manifold::separate(&mut mesh);
-        }
-        mesh.set_normals();
-        let vertices = 0..mesh.positions.len() as u32;
-        mesh.colours =
-            vertices.into_par_iter().map(|vertex| mesher.colour(&mesh.x_in_world(vertex))).collect();
-        mesh
     }
 }
 

@@ -13,9 +13,9 @@ use crate::sets::Sets;
 
 /// A side of a triangle: its lower and upper vertex, and its number, 3 × triangle + place.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Side {
-    vertices: [u32; 2],
-    number: u32,
+pub(crate) struct Side {
+    pub vertices: [u32; 2],
+    pub number: u32,
 }
 
 /// Gives parts of a surface that only touch vertices of their own.
@@ -26,15 +26,28 @@ pub(crate) fn separate(mesh: &mut Mesh) {
     }
 }
 
-/// The sides of all triangles, those at one edge together.
-fn sides(mesh: &Mesh) -> Vec<Side> {
-    let vertex = |number: u32| mesh.triangles[number as usize / 3][number as usize % 3];
+/// The sides of all triangles, in the order of their edges' vertices.
+pub(crate) fn sides(mesh: &Mesh) -> Vec<Side> {
+    let corners = mesh.triangles.as_flattened();
     let side = |number: u32| {
-        let [a, b] = [vertex(number), vertex(next(number))];
+        let [a, b] = [corners[number as usize], corners[next(number) as usize]];
         Side { vertices: [a.min(b), a.max(b)], number }
     };
-    let mut sides: Vec<Side> = (0..3 * mesh.triangles.len() as u32).into_par_iter().map(side).collect();
-    sides.par_sort_unstable();
+    // First by the lower vertex alone: where those of each begin.
+    let mut begins = vec![0_u32; mesh.positions.len() + 1];
+    let numbers = 0..corners.len() as u32;
+    numbers.clone().for_each(|number| begins[side(number).vertices[0] as usize + 1] += 1);
+    begins.iter_mut().fold(0, |sum, begin| {
+        *begin += sum;
+        *begin
+    });
+    let mut sides = vec![Side { vertices: [0; 2], number: 0 }; corners.len()];
+    for side in numbers.map(side) {
+        let place = &mut begins[side.vertices[0] as usize];
+        sides[*place as usize] = side;
+        *place += 1;
+    }
+    sides.par_chunk_by_mut(|a, b| a.vertices[0] == b.vertices[0]).for_each(<[Side]>::sort_unstable);
     sides
 }
 
@@ -45,8 +58,8 @@ fn part_fans(mesh: &mut Mesh) {
     let mut fans = Sets::new(sides.len());
     for edge in sides.chunk_by(|a, b| a.vertices == b.vertices) {
         let pairs = match edge {
-            [a, b] => vec![[a.number, b.number]],
             [_] => Vec::new(),
+            [a, b] if !is_double(mesh, edge) => vec![[a.number, b.number]],
             _ => pairs(mesh, edge),
         };
         for [a, b] in pairs {
@@ -74,6 +87,7 @@ fn part_fans(mesh: &mut Mesh) {
     for &corner in &copies {
         let vertex = mesh.triangles[corner as usize / 3][corner as usize % 3];
         mesh.positions.push(mesh.positions[vertex as usize]);
+        mesh.colours.extend(mesh.colours.get(vertex as usize).copied());
     }
     for corner in 0..sides.len() as u32 {
         if let Ok(copy) = copies.binary_search(&fans.find(corner)) {
@@ -82,11 +96,23 @@ fn part_fans(mesh: &mut Mesh) {
     }
 }
 
-/// Divides edges at which more than two triangles meet although both their vertices have one fan: all but one pair of
-/// triangles get a vertex in the middle. Returns whether there were any.
+/// Whether more than two triangles are at an edge, or two of which one would have to be turned over.
+fn is_double(mesh: &Mesh, edge: &[Side]) -> bool {
+    match edge {
+        [a, b] => runs_up(mesh, a) == runs_up(mesh, b),
+        _ => edge.len() > 2,
+    }
+}
+
+fn runs_up(mesh: &Mesh, side: &Side) -> bool {
+    mesh.triangles[side.number as usize / 3][side.number as usize % 3] == side.vertices[0]
+}
+
+/// Divides double edges although both their vertices have one fan: all but one pair of triangles get a vertex in the middle.
+/// Returns whether there were any.
 fn divide_double_edges(mesh: &mut Mesh) -> bool {
     let sides = sides(mesh);
-    let double = sides.chunk_by(|a, b| a.vertices == b.vertices).filter(|edge| edge.len() > 2);
+    let double = sides.chunk_by(|a, b| a.vertices == b.vertices).filter(|edge| is_double(mesh, edge));
     let divided: Vec<Vec<u32>> = double.flat_map(|edge| groups(mesh, edge).into_iter().skip(1)).collect();
     let mut is_touched = vec![false; mesh.triangles.len()];
     for group in &divided {
@@ -98,6 +124,7 @@ fn divide_double_edges(mesh: &mut Mesh) -> bool {
         let middle = mesh.positions.len() as u32;
         let [a, b] = ends.map(|end| Vector3::from(mesh.positions[end]));
         mesh.positions.push(((a + b) / 2.0).into());
+        mesh.colours.extend(mesh.colours.get(ends[0]).copied());
         for &corner in group {
             let triangle = corner as usize / 3;
             let mut second = mesh.triangles[triangle];
@@ -135,12 +162,10 @@ fn pairs(mesh: &Mesh, edge: &[Side]) -> Vec<[u32; 2]> {
         let arm = position(vertex) - low;
         arm.dot(&axis.cross(&across)).atan2(arm.dot(&across))
     };
-    let runs_up =
-        |side: &Side| mesh.triangles[side.number as usize / 3][side.number as usize % 3] == side.vertices[0];
     let mut down: Vec<(f32, u32)> =
-        edge.iter().filter(|side| !runs_up(side)).map(|side| (angle(side), side.number)).collect();
+        edge.iter().filter(|side| !runs_up(mesh, side)).map(|side| (angle(side), side.number)).collect();
     let mut pairs = Vec::new();
-    for side in edge.iter().filter(|side| runs_up(side)) {
+    for side in edge.iter().filter(|side| runs_up(mesh, side)) {
         // The inside is to the right of a triangle that runs up, seen from above: at smaller angles.
         let angle = angle(side);
         let turn = |other: &(f32, u32)| (angle - other.0).rem_euclid(TAU);
@@ -155,6 +180,19 @@ fn pairs(mesh: &Mesh, edge: &[Side]) -> Vec<[u32; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn triangles_that_run_the_same_way_along_an_edge_share_it_no_more() {
+        let positions =
+            [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0]].map(|x: [i8; 3]| x.map(f32::from)).to_vec();
+        // A band that is turned over once: 2 and 3 are joined by triangles on both sides of the edge from 0 to 1.
+        let triangles = vec![[0, 1, 2], [0, 1, 3], [1, 3, 2]];
+        let mut mesh = Mesh { positions, triangles, ..Mesh::default() };
+        separate(&mut mesh);
+        let sides = sides(&mesh);
+        let mut edges = sides.chunk_by(|a, b| a.vertices == b.vertices);
+        assert!(edges.all(|edge| edge.len() < 3 && !is_double(&mesh, edge)), "{:?}", mesh.triangles);
+    }
 
     #[test]
     fn two_tetrahedra_that_touch_in_an_edge_become_two() {

@@ -11,7 +11,7 @@ const AT_JUMP: u8 = 128;
 /// The surface that a pixel sees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct PixelSurface {
-    /// 0: none.
+    /// 0: there is no surface; negative: it is not known.
     pub depth: f32,
     /// Unit normal in the camera's frame, towards the camera, in 127ths.
     normal: [i8; 3],
@@ -28,16 +28,27 @@ impl PixelSurface {
         Self { depth, normal: [normal.x, normal.y, normal.z].map(in_127ths), sigma: number as u8 }
     }
 
+    /// That of a pixel of which nothing is known.
+    pub fn unknown() -> Self {
+        Self { depth: -1.0, ..Self::default() }
+    }
+
+    /// The depth, and the rest in 32 bits, of which the highest says that the pixel is at a jump of depth.
+    #[inline]
+    pub fn parts(self) -> (f32, u32) {
+        let [x, y, z] = self.normal.map(|x| x as u8);
+        (self.depth, u32::from_le_bytes([x, y, z, self.sigma]))
+    }
+
     /// The standard deviation of the depth, as a multiple of the pixel's size, to 13 %.
     pub fn sigma(self) -> f32 {
-        let number = u32::from(self.sigma & !AT_JUMP) + (1.0_f32.to_bits() >> 21) - ONE;
-        f32::from_bits(number << 21 | 1 << 20)
+        sigma_of(self.parts().1)
     }
 
     /// The normal, in the camera's frame.
     pub fn normal(self) -> Vector3<f32> {
-        let [x, y, z] = self.normal.map(|x| f32::from(x) * (1.0 / 127.0));
-        Vector3::new(x, y, z)
+        let (_, packed) = self.parts();
+        Vector3::from([0, 1, 2].map(|axis| normal_of(packed, axis)))
     }
 
     /// Notes that the pixel is at a jump of depth.
@@ -49,6 +60,20 @@ impl PixelSurface {
     pub fn is_at_jump(self) -> bool {
         self.sigma & AT_JUMP != 0
     }
+}
+
+/// A coordinate of the normal of [`PixelSurface::parts`].
+#[inline]
+pub(crate) fn normal_of(packed: u32, axis: usize) -> f32 {
+    let highest = (packed << (24 - 8 * axis)) as i32;
+    (highest >> 24) as f32 * (1.0 / 127.0)
+}
+
+/// The standard deviation of [`PixelSurface::parts`].
+#[inline]
+pub(crate) fn sigma_of(packed: u32) -> f32 {
+    let number = (packed >> 24 & u32::from(!AT_JUMP)) + (1.0_f32.to_bits() >> 21) - ONE;
+    f32::from_bits(number << 21 | 1 << 20)
 }
 
 #[cfg(test)]

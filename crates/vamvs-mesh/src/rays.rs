@@ -1,10 +1,11 @@
 //! Rays through the centres of pixels, and the normals of what they meet.
 
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 use vamvs_core::{Grid, Intrinsics, Pinhole, depth_map};
 
 /// The rays through the centres of pixels.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(crate) struct Rays {
     /// What a pixel to the right and one below add to a ray.
     step: [f32; 2],

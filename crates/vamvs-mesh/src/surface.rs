@@ -5,9 +5,12 @@
 //! cracks between cells of different sizes. A cell with a corner that no view sees has no vertex: there the surface ends.
 
 use std::collections::HashMap;
+use std::ops::Range;
+use std::sync::OnceLock;
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::bricks::{BRICK, BRICK_BITS, Place};
 use crate::field::Field;
@@ -16,11 +19,22 @@ use crate::patches::{CORNERS, Patches, Point, STEP, axes, face_polygon};
 /// Cells of a brick.
 const CELLS: usize = (BRICK * BRICK * BRICK) as usize;
 
-/// The vertices and polygons of a surface: positions in the grid, and triangles.
+/// The surface in some bricks.
 #[derive(Default)]
 pub(crate) struct Surface {
+    /// The number of vertices of each brick.
+    pub counts: Vec<u16>,
+    /// The vertices' places in the grid, brick by brick.
     pub positions: Vec<Vector3<f64>>,
-    pub triangles: Vec<[u32; 3]>,
+    /// The triangles that the bricks own; they have vertices of bricks around them too.
+    pub triangles: Vec<[Vertex; 3]>,
+}
+
+/// A vertex: its brick, and its number among those of the brick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Vertex {
+    pub brick: u32,
+    pub number: u16,
 }
 
 /// A cell of the octree.
@@ -33,8 +47,6 @@ struct Cell {
 /// The vertices of a brick.
 #[derive(Default)]
 struct Vertices {
-    /// The number of the first one in the mesh.
-    first: u32,
     /// For each cell that has vertices, 1 more than the place of its first among the brick's.
     of_cell: Option<Box<[u16; CELLS]>>,
     positions: Vec<Vector3<f64>>,
@@ -42,20 +54,18 @@ struct Vertices {
     irregular: HashMap<u16, Patches>,
 }
 
-/// The surface of a field.
-pub(crate) fn extract(field: &Field<'_>) -> Surface {
-    let bricks = 0..field.bricks.all.len();
-    let mut all: Vec<Vertices> = bricks.clone().into_par_iter().map(|brick| vertices(field, brick)).collect();
-    let mut first = 0;
-    for vertices in &mut all {
-        vertices.first = first;
-        first += vertices.positions.len() as u32;
+/// The surface of a field in a range of bricks.
+pub(crate) fn extract(field: &Field<'_>, bricks: Range<usize>) -> Surface {
+    let vertices = field.bricks.all.iter().map(|_| OnceLock::new()).collect();
+    let extractor = Extractor { field, vertices };
+    let triangles: Vec<Vec<[Vertex; 3]>> =
+        bricks.clone().into_par_iter().map(|brick| extractor.triangles(brick)).collect();
+    let positions = |brick| &extractor.vertices(brick).positions;
+    Surface {
+        counts: bricks.clone().map(|brick| positions(brick).len() as u16).collect(),
+        positions: bricks.flat_map(|brick| positions(brick).iter().copied()).collect(),
+        triangles: triangles.concat(),
     }
-    let extractor = Extractor { field, all: &all };
-    let triangles: Vec<Vec<[u32; 3]>> =
-        bricks.into_par_iter().map(|brick| extractor.triangles(brick)).collect();
-    let triangles = triangles.concat();
-    Surface { positions: all.into_iter().flat_map(|vertices| vertices.positions).collect(), triangles }
 }
 
 /// The place of a cell in its brick: x + 8 y + 64 z.
@@ -264,14 +274,19 @@ impl Boundary {
 /// Makes the polygons.
 struct Extractor<'a> {
     field: &'a Field<'a>,
-    all: &'a [Vertices],
+    /// The bricks' vertices, each brick's when they are first asked for.
+    vertices: Vec<OnceLock<Vertices>>,
 }
 
 impl Extractor<'_> {
+    fn vertices(&self, brick: usize) -> &Vertices {
+        self.vertices[brick].get_or_init(|| vertices(self.field, brick))
+    }
+
     /// The triangles of the edges that a brick's cells own.
-    fn triangles(&self, brick: usize) -> Vec<[u32; 3]> {
+    fn triangles(&self, brick: usize) -> Vec<[Vertex; 3]> {
         let mut triangles = Vec::new();
-        let Some(of_cell) = &self.all[brick].of_cell else { return triangles };
+        let Some(of_cell) = &self.vertices(brick).of_cell else { return triangles };
         for number in (0..CELLS as u16).filter(|&number| of_cell[usize::from(number)] > 0) {
             let cell = cell_of(self.field, brick, number);
             for edge in 0..12 {
@@ -283,7 +298,7 @@ impl Extractor<'_> {
 
     /// Adds the polygon around one of a cell's edges, if the surface crosses it, it is not divided, and the cell owns it: of
     /// the smallest cells around it, it is the first.
-    fn add_edge(&self, cell: Cell, edge: usize, triangles: &mut Vec<[u32; 3]>) {
+    fn add_edge(&self, cell: Cell, edge: usize, triangles: &mut Vec<[Vertex; 3]>) {
         let brick = self.field.bricks.all[cell.brick];
         let [axis, first, second] = axes(edge / 4);
         let ends = [edge as i32 % 2, edge as i32 / 2 % 2];
@@ -302,7 +317,7 @@ impl Extractor<'_> {
         if (low < 0.0) == (high < 0.0) {
             return;
         }
-        let mut corners = [(0, Vector3::zeros()); 4];
+        let mut corners = [(Vertex { brick: 0, number: 0 }, Vector3::zeros()); 4];
         let mut is_first = true;
         for (corner, offset) in corners.iter_mut().zip([[0, 0], [-1, 0], [-1, -1], [0, -1]]) {
             let mut inside = begin;
@@ -315,8 +330,7 @@ impl Extractor<'_> {
             }
             is_first &= level > brick.level;
             let Some(vertex) = self.vertex(other, begin, end) else { return };
-            *corner =
-                (vertex, self.all[other.brick].positions[(vertex - self.all[other.brick].first) as usize]);
+            *corner = (vertex, self.vertices(other.brick).positions[usize::from(vertex.number)]);
         }
         if low >= 0.0 {
             corners.reverse();
@@ -335,8 +349,8 @@ impl Extractor<'_> {
     }
 
     /// The vertex of the patch of a cell that goes through an edge.
-    fn vertex(&self, cell: Cell, begin: Place, end: Place) -> Option<u32> {
-        let vertices = &self.all[cell.brick];
+    fn vertex(&self, cell: Cell, begin: Place, end: Place) -> Option<Vertex> {
+        let vertices = self.vertices(cell.brick);
         let number = number_of(self.field, cell);
         let first = vertices.of_cell.as_ref()?[usize::from(number)].checked_sub(1)?;
         let level = self.field.bricks.all[cell.brick].level;
@@ -349,11 +363,11 @@ impl Extractor<'_> {
             Some(patches) => patches.at(edge)?,
             None => Patches::of_cube(mask(&corner_values(self.field, cell)?)).at(edge)?,
         };
-        Some(vertices.first + u32::from(first) + u32::from(patch))
+        Some(Vertex { brick: cell.brick as u32, number: first + u16::from(patch) })
     }
 
     /// Adds a polygon of three or four corners, two of which may be the same, cut at its shorter diagonal.
-    fn add_polygon(corners: [(u32, Vector3<f64>); 4], triangles: &mut Vec<[u32; 3]>) {
+    fn add_polygon(corners: [(Vertex, Vector3<f64>); 4], triangles: &mut Vec<[Vertex; 3]>) {
         let [a, b, c, d] = corners.map(|corner| corner.0);
         let length = |a: usize, b: usize| (corners[a].1 - corners[b].1).norm_squared();
         let cut = if length(0, 2) <= length(1, 3) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
@@ -364,8 +378,10 @@ impl Extractor<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::assembly::{Assembly, BlockSurface};
     use crate::bricks::Bricks;
     use std::collections::BTreeMap;
+    use vamvs_core::{Mesh, Part};
 
     /// How often each edge is in the triangles in its direction and against it.
     fn edges(triangles: &[[u32; 3]]) -> BTreeMap<(u32, u32), [u32; 2]> {
@@ -378,9 +394,22 @@ mod tests {
         edges
     }
 
-    fn euler(surface: &Surface) -> i64 {
-        surface.positions.len() as i64 - edges(&surface.triangles).len() as i64
-            + surface.triangles.len() as i64
+    fn euler(mesh: &Mesh) -> i64 {
+        mesh.positions.len() as i64 - edges(&mesh.triangles).len() as i64 + mesh.triangles.len() as i64
+    }
+
+    /// The mesh of a field, made in blocks.
+    fn mesh(field: &Field<'_>) -> Mesh {
+        let bricks = field.bricks;
+        let origin = bricks.x_in_world(&bricks.all[0].low.cast());
+        let mut assembly = Assembly::default();
+        for part in Part::all(5) {
+            let Surface { counts, positions, triangles } = extract(field, part.range(bricks.all.len()));
+            let relative = |place: &Vector3<f64>| (bricks.x_in_world(place) - origin).cast::<f32>().into();
+            let positions = positions.iter().map(relative).collect();
+            assembly.push(BlockSurface { counts, positions, colours: Vec::new(), triangles });
+        }
+        assembly.finish(origin.into())
     }
 
     #[test]
@@ -390,15 +419,14 @@ mod tests {
         let centre = Vector3::new(0.3, 0.2, -0.4);
         let distance = |x: Vector3<f64>| (x - centre).norm() - 14.2;
         let field = Field::of_function(&bricks, |x| Some(distance(x)));
-        let surface = extract(&field);
-        assert!(surface.triangles.len() > 5000, "{}", surface.triangles.len());
-        for (edge, uses) in edges(&surface.triangles) {
+        let mesh = mesh(&field);
+        assert!(mesh.triangles.len() > 5000, "{}", mesh.triangles.len());
+        for (edge, uses) in edges(&mesh.triangles) {
             assert_eq!(uses, [1, 1], "{edge:?}");
         }
-        assert_eq!(euler(&surface), 2);
-        let position = |vertex: u32| bricks.x_in_world(&surface.positions[vertex as usize]);
-        for &triangle in &surface.triangles {
-            let [a, b, c] = triangle.map(position);
+        assert_eq!(euler(&mesh), 2);
+        for &triangle in &mesh.triangles {
+            let [a, b, c] = triangle.map(|vertex| mesh.x_in_world(vertex));
             assert!(distance(a).abs() < 0.05, "{}", distance(a));
             let normal = (b - a).cross(&(c - a));
             assert!(normal.dot(&((a + b + c) / 3.0 - centre)) > 0.0);
@@ -409,10 +437,10 @@ mod tests {
     fn the_surface_ends_where_the_distance_is_unknown() {
         let bricks = Bricks::cube(1.0, 1, 0, |_| false);
         let field = Field::of_function(&bricks, |x| (x.x < 2.5).then_some(x.z - 0.3));
-        let surface = extract(&field);
-        assert!(!surface.triangles.is_empty());
-        assert!(surface.positions.iter().all(|position| bricks.x_in_world(position).x < 2.5));
-        assert!(edges(&surface.triangles).values().all(|uses| uses[0] + uses[1] <= 2));
+        let mesh = mesh(&field);
+        assert!(!mesh.triangles.is_empty());
+        assert!((0..mesh.positions.len()).all(|vertex| mesh.x_in_world(vertex as u32).x < 2.5));
+        assert!(edges(&mesh.triangles).values().all(|uses| uses[0] + uses[1] <= 2));
     }
 
     #[test]
@@ -429,13 +457,11 @@ mod tests {
             (bits.wrapping_mul(0xBF58_476D_1CE4_E5B9) >> 40) as f64 / f64::from(1 << 24) - 0.4
         };
         let field = Field::of_function(&bricks, |x| Some(noise(x)));
-        let surface = extract(&field);
-        assert!(surface.triangles.len() > 10_000);
-        let all = edges(&surface.triangles);
+        let mut mesh = mesh(&field);
+        assert!(mesh.triangles.len() > 10_000);
+        let all = edges(&mesh.triangles);
         assert!(all.values().all(|uses| uses[0] == uses[1]));
         assert!(all.values().any(|uses| uses[0] > 1));
-        let positions = surface.positions.iter().map(|x| x.cast::<f32>().into()).collect();
-        let mut mesh = vamvs_core::Mesh { positions, triangles: surface.triangles, ..Default::default() };
         crate::manifold::separate(&mut mesh);
         assert!(edges(&mesh.triangles).values().all(|uses| *uses == [1, 1]));
     }

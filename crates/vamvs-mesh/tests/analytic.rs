@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use nalgebra::Vector3;
 use vamvs_core::{Grid, Intrinsics, Mesh, Pinhole, Pose, Size};
-use vamvs_mesh::{MeshOptions, MeshView, Mesher};
+use vamvs_mesh::{MeshError, MeshOptions, MeshView, Mesher};
 
 /// The distance of the cameras from the middle, and their focal length: a pixel is 0.02 wide on the surface.
 const DISTANCE: f64 = 4.0;
@@ -89,16 +89,15 @@ fn view(body: &dyn Body, eye: &Vector3<f64>) -> MeshView {
     }
 }
 
-fn mesh(views: Vec<MeshView>, cell: f64) -> Mesh {
+fn mesh(views: &[MeshView], cell: f64) -> Mesh {
     let mut options = MeshOptions::default();
     options.cell = cell;
-    mesher(views, options).volume(u64::MAX).mesh()
+    mesh_within(views, options, u64::MAX)
 }
 
-fn mesher(views: Vec<MeshView>, options: MeshOptions) -> Mesher {
-    let mut mesher = Mesher::new(options).expect("valid options");
-    views.into_iter().for_each(|view| mesher.add(view).expect("rasters of one size"));
-    mesher
+fn mesh_within(views: &[MeshView], options: MeshOptions, memory: u64) -> Mesh {
+    let mesher = Mesher::new(options, memory, |view| Ok::<_, MeshError>(views[view].clone()));
+    mesher.expect("valid options").mesh(views.len()).expect("rasters of one size")
 }
 
 /// The number of edges with one triangle; panics if one has more than two, or two that run the same way.
@@ -162,7 +161,7 @@ fn farthest_seen(mesh: &Mesh, views: &[MeshView]) -> f64 {
 
 #[test]
 fn a_sphere_seen_from_all_sides_is_closed_and_exact() {
-    let mesh = mesh(views(&Sphere, 24, 1.0), 1.5);
+    let mesh = mesh(&views(&Sphere, 24, 1.0), 1.5);
     assert_eq!(open_edges(&mesh), 0);
     let errors = errors(&mesh, &Sphere);
     assert!(
@@ -178,8 +177,8 @@ fn a_sphere_seen_from_all_sides_is_closed_and_exact() {
 
 #[test]
 fn nearer_views_make_finer_cells_without_cracks() {
-    let far = mesh(views(&Sphere, 24, 1.0), 1.5);
-    let mixed = mesh(views(&Sphere, 24, 0.5), 1.5);
+    let far = mesh(&views(&Sphere, 24, 1.0), 1.5);
+    let mixed = mesh(&views(&Sphere, 24, 0.5), 1.5);
     assert_eq!(open_edges(&mixed), 0);
     assert!(
         mixed.triangles.len() > 2 * far.triangles.len(),
@@ -199,7 +198,7 @@ fn nearer_views_make_finer_cells_without_cracks() {
 /// `farthest` pixels of all that is seen.
 fn expect_as_seen(body: &dyn Body, count: usize, cell: f64, farthest: f64) {
     let views = views(body, count, 1.0);
-    let mesh = mesh(views.clone(), cell);
+    let mesh = mesh(&views, cell);
     open_edges(&mesh);
     let errors = errors(&mesh, body);
     assert!(
@@ -239,7 +238,7 @@ fn a_stair_is_as_seen() {
 fn any_number_of_threads_makes_the_same_mesh() {
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        pool.install(|| mesh(views(&Sphere, 8, 0.7), 2.0))
+        pool.install(|| mesh(&views(&Sphere, 8, 0.7), 2.0))
     };
     assert_eq!(with(1), with(3));
 }
@@ -256,11 +255,11 @@ fn views_that_see_nothing_make_no_mesh_and_wrong_rasters_are_refused() {
         }
     }
     let views = views(&Nothing, 3, 1.0);
-    assert!(mesh(views.clone(), 1.5).triangles.is_empty());
-    assert!(mesh(Vec::new(), 1.5).triangles.is_empty());
-    let mut mesher = Mesher::new(MeshOptions::default()).expect("valid options");
+    assert!(mesh(&views, 1.5).triangles.is_empty());
+    assert!(mesh(&[], 1.5).triangles.is_empty());
     let wrong = MeshView { sigma: Some(Grid::filled(Size::new(3, 4), 1.0)), ..views[0].clone() };
-    let error = mesher.add(wrong).expect_err("another size").to_string();
+    let mesher = Mesher::new(MeshOptions::default(), u64::MAX, |_| Ok::<_, MeshError>(wrong.clone()));
+    let error = mesher.expect("valid options").mesh(1).expect_err("another size").to_string();
     assert_eq!(error, "view 0: expected a map of standard deviations of 240×240 pixels, found 3×4");
 }
 
@@ -268,8 +267,8 @@ fn views_that_see_nothing_make_no_mesh_and_wrong_rasters_are_refused() {
 fn a_reduced_mesh_is_a_manifold_on_the_surface() {
     let mut options = MeshOptions::default();
     options.triangles = Some(0.2);
-    let reduced = mesher(views(&Sphere, 24, 1.0), options).volume(u64::MAX).mesh();
-    let whole = mesh(views(&Sphere, 24, 1.0), 1.5);
+    let reduced = mesh_within(&views(&Sphere, 24, 1.0), options, u64::MAX);
+    let whole = mesh(&views(&Sphere, 24, 1.0), 1.5);
     assert!(
         5 * reduced.triangles.len() <= whole.triangles.len() + 50,
         "{} of {}",
@@ -284,11 +283,19 @@ fn a_reduced_mesh_is_a_manifold_on_the_surface() {
 
 #[test]
 fn little_memory_makes_larger_cells() {
-    let mesher = mesher(views(&Sphere, 24, 1.0), MeshOptions::default());
-    let (whole, small) = (mesher.volume(u64::MAX), mesher.volume(17_500_000));
-    assert_eq!(whole.cell(), 1.5);
-    assert!(small.cell() > 1.5 && small.cell() < 6.0, "{}", small.cell());
-    let (whole, small) = (whole.mesh(), small.mesh());
+    let views = views(&Sphere, 24, 1.0);
+    let within = |memory: u64| {
+        let mut mesher =
+            Mesher::new(MeshOptions::default(), memory, |view| Ok::<_, MeshError>(views[view].clone()))
+                .expect("valid options");
+        let outlines = (0..views.len()).map(|view| mesher.outline(view)).collect::<Result<_, _>>();
+        mesher.volume(outlines.expect("rasters of one size")).cell()
+    };
+    assert_eq!(within(u64::MAX), 1.5);
+    let cell = within(2_600_000);
+    assert!(cell > 1.5 && cell < 6.0, "{cell}");
+    let whole = mesh_within(&views, MeshOptions::default(), u64::MAX);
+    let small = mesh_within(&views, MeshOptions::default(), 2_600_000);
     assert!(2 * small.triangles.len() < whole.triangles.len());
     assert_eq!(open_edges(&small), 0);
 }
@@ -296,7 +303,7 @@ fn little_memory_makes_larger_cells() {
 #[test]
 fn cells_of_any_size_close_a_sphere() {
     for cell in [0.4, 1.0, 2.5, 3.0, 4.0, 5.0, 6.0] {
-        let mesh = mesh(views(&Sphere, 24, 1.0), cell);
+        let mesh = mesh(&views(&Sphere, 24, 1.0), cell);
         assert_eq!(open_edges(&mesh), 0, "cells of {cell} pixels");
         assert!(quantile(&errors(&mesh, &Sphere), 1.0) < 0.2 * cell.max(2.0), "cells of {cell} pixels");
     }
@@ -318,7 +325,7 @@ fn small_gaps_in_what_is_confirmed_are_filled_and_places_without_depth_stay_open
             }
         }
         view.confirmed = Some(Grid::from_fn(view.camera.size, |x, y| confirmed || !gap(x, y)));
-        mesh(vec![view], 1.5)
+        mesh(&[view], 1.5)
     };
     let exact = |mesh: &Mesh| quantile(&errors(mesh, &body), 1.0) < 0.5;
     let (filled, open) = (seen(false, true), seen(true, false));

@@ -1,6 +1,5 @@
 //! From depth maps to one cloud, and what is exported with it.
 
-mod part_files;
 mod parts;
 
 use std::path::Path;
@@ -20,7 +19,7 @@ use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError, 
 
 /// One part in this many of the memory is spare, for what is not counted: the program, and freed memory that was not
 /// used again.
-const SPARE: u64 = 3;
+pub(crate) const SPARE: u64 = 3;
 
 /// The result of a fusion.
 #[derive(Clone, Debug)]

@@ -30,6 +30,7 @@ pub mod mesh;
 mod method;
 pub mod options;
 pub mod output;
+mod part_files;
 pub mod photographs;
 pub mod plan;
 mod prepared;
@@ -50,7 +51,7 @@ pub use fuse::{FuseSummary, PartialFusion, fuse};
 pub use input::Input;
 pub use maps::Maps;
 pub use memory::MemoryLimit;
-pub use mesh::{MeshSummary, mesh, mesh_in_memory, mesh_of};
+pub use mesh::{MeshSummary, PartialMesh, mesh, mesh_in_memory, mesh_of};
 #[cfg(feature = "torch")]
 pub use method::NetworkMethod;
 pub use method::{Method, VisCorr};

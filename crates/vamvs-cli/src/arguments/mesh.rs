@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{ArgAction, Args};
 
+use super::tasks::MeshStepFlags;
 use super::{CommonFlags, FusionFlags, InputFlags};
 
 /// `mesh`.
@@ -27,6 +28,9 @@ pub struct MeshArguments {
     /// How depth maps are filtered.
     #[command(flatten)]
     pub fusion: FusionFlags,
+    /// One step of a mesh that is spread over processes.
+    #[command(flatten)]
+    pub step: MeshStepFlags,
     /// Flags of every command.
     #[command(flatten)]
     pub common: CommonFlags,
@@ -42,6 +46,10 @@ pub struct MeshFlags {
     /// Reduce the mesh to N triangles or, below 1, to this share of them; borders and colours are kept.
     #[arg(long, value_name = "N|SHARE")]
     pub triangles: Option<f64>,
+    /// Close holes with at most N edges around, which are about as long as a cell is wide, unless a view sees through them
+    /// [default: 30].
+    #[arg(long, value_name = "N")]
+    pub close_holes: Option<usize>,
     /// Leave out pieces of fewer triangles [default: 100].
     #[arg(long, value_name = "N")]
     pub min_triangles: Option<usize>,

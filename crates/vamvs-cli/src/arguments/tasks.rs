@@ -88,3 +88,29 @@ pub enum FusionTask {
     /// The cloud, its exports and the report, when all parts are merged.
     Concatenate,
 }
+
+/// One step of a mesh.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Many machines")]
+pub struct MeshStepFlags {
+    /// Do only this step of a mesh that `vamvs tasks` spreads over processes.
+    #[arg(long, value_enum, value_name = "STEP")]
+    pub step: Option<MeshTask>,
+    /// Part of the views or of the volume, for --step outline and surface: 1/4 is the first of four.
+    #[arg(long, value_name = "I/N", requires = "step", required_if_eq_any = [("step", "outline"), ("step", "surface")])]
+    pub part: Option<Part>,
+    /// Number of parts, for --step join.
+    #[arg(long, value_name = "N", requires = "step", required_if_eq("step", "join"))]
+    pub parts: Option<NonZeroUsize>,
+}
+
+/// A step of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum MeshTask {
+    /// What a part of the views sees, in short; all parts must be confirmed (`vamvs fuse --step confirm`).
+    Outline,
+    /// The surface in a part of the volume, when all parts have outlines.
+    Surface,
+    /// The mesh, when all parts have their surface.
+    Join,
+}

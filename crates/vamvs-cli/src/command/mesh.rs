@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use serde_json::json;
-use vamvs::{Maps, MeshSummary};
+use vamvs::{Maps, MeshSummary, PartialMesh};
 
 use super::fuse;
-use crate::arguments::MeshArguments;
+use crate::arguments::{MeshArguments, MeshStepFlags, MeshTask};
 use crate::progress::Progress;
 use crate::settings::{self, Settings, roi, set};
 
@@ -25,8 +25,17 @@ pub fn run(arguments: &MeshArguments) -> Result<()> {
     super::expect_masks(arguments.input.masks.as_deref(), &maps.scene().views)?;
     let file = arguments.out.clone().unwrap_or_else(|| maps.root().join("mesh.ply"));
     let common = &arguments.common;
-    let make = |maps: &Maps| make(maps, &file, &settings, &progress);
-    let (maps, made) = fuse::of_readable(maps, &settings, (common, &progress), make)?;
+    let (maps, made) = match arguments.step.step {
+        None => {
+            let make = |maps: &Maps| make(maps, &file, &settings, &progress);
+            fuse::of_readable(maps, &settings, (common, &progress), make)?
+        }
+        Some(MeshTask::Join) => {
+            let made = join(&maps, &file, &settings, (&arguments.step, &progress))?;
+            (maps, made)
+        }
+        Some(step) => return part(&maps, &settings, (step, &arguments.step), &progress),
+    };
     progress.finish();
     if common.json {
         say!("{}", as_json(&made));
@@ -40,9 +49,46 @@ pub fn run(arguments: &MeshArguments) -> Result<()> {
 pub fn make(maps: &Maps, file: &Path, settings: &Settings, progress: &Progress) -> Result<MeshSummary> {
     let wanted = (&settings.mesh, &settings.fusion);
     let made = vamvs::mesh(maps, file, wanted, &mut |event| progress.show(event))?;
-    let MeshSummary { vertices, triangles, time, .. } = &made;
-    progress.say(&format!("mesh: {vertices} vertices, {triangles} triangles, {:.1} s", time.as_secs_f64()));
+    say_made(&made, progress);
     Ok(made)
+}
+
+/// Does a part of one of the passes.
+fn part(
+    maps: &Maps,
+    settings: &Settings,
+    (step, flags): (MeshTask, &MeshStepFlags),
+    progress: &Progress,
+) -> Result<()> {
+    let mesh = PartialMesh::new(maps, &settings.mesh, &settings.fusion)?;
+    let part = flags.part.context("--part is missing")?;
+    let mut show = |event| progress.show(event);
+    let did = match step {
+        MeshTask::Outline => mesh.outline(part, &mut show)?,
+        MeshTask::Surface | MeshTask::Join => mesh.surface(part, &mut show)?,
+    };
+    progress.finish();
+    progress.say(&format!("part {part}: {}", if did { "done" } else { "was done" }));
+    Ok(())
+}
+
+/// Makes the mesh of all parts.
+fn join(
+    maps: &Maps,
+    file: &Path,
+    settings: &Settings,
+    (flags, progress): (&MeshStepFlags, &Progress),
+) -> Result<MeshSummary> {
+    let mesh = PartialMesh::new(maps, &settings.mesh, &settings.fusion)?;
+    let parts = flags.parts.context("--parts is missing")?.get();
+    let made = mesh.join(parts, file, &mut |event| progress.show(event))?;
+    say_made(&made, progress);
+    Ok(made)
+}
+
+fn say_made(made: &MeshSummary, progress: &Progress) {
+    let MeshSummary { vertices, triangles, time, .. } = made;
+    progress.say(&format!("mesh: {vertices} vertices, {triangles} triangles, {:.1} s", time.as_secs_f64()));
 }
 
 /// The summary for scripts.

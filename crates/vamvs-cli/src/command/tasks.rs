@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use vamvs::core::Part;
 use vamvs::depth::{DepthJob, DepthStep, record_file};
-use vamvs::{MemoryLimit, OutputFolder, PartialFusion, Prepared};
+use vamvs::{MemoryLimit, OutputFolder, PartialFusion, PartialMesh, Prepared};
 
 use super::depth;
 use crate::arguments::TasksArguments;
@@ -62,6 +62,7 @@ pub fn run(arguments: &TasksArguments) -> Result<()> {
         out: &out,
         settings: &settings,
         report: !reconstruct.no_report,
+        mesh: reconstruct.mesh,
         strict: reconstruct.depth.common.strict,
         parts,
     };
@@ -78,6 +79,7 @@ struct Graph<'a> {
     out: &'a Path,
     settings: &'a Settings,
     report: bool,
+    mesh: bool,
     /// Whether views that are left out are an error.
     strict: bool,
     parts: usize,
@@ -103,6 +105,11 @@ impl Graph<'_> {
         tasks.push(self.collect());
         tasks.extend(Part::all(self.parts).map(|part| self.confirm(part)));
         tasks.extend(Part::all(self.parts).map(|part| self.merge(part)));
+        if self.mesh {
+            tasks.extend(Part::all(self.parts).map(|part| self.outline(part)));
+            tasks.extend(Part::all(self.parts).map(|part| self.surface(part)));
+            tasks.push(self.join());
+        }
         tasks.push(self.concatenate());
         Ok(tasks)
     }
@@ -159,7 +166,7 @@ impl Graph<'_> {
             inputs: vec![self.output.pairs()],
             outputs: vec![PartialFusion::confirmed_file(self.out, part)],
             dependencies: vec!["collect".to_owned()],
-            ..self.task(fusion_id("confirm", part), self.fuse_command(flags))
+            ..self.task(fusion_id("confirm", part), self.output_command("fuse", flags))
         }
     }
 
@@ -169,19 +176,56 @@ impl Graph<'_> {
             inputs: Part::all(self.parts).map(|part| PartialFusion::confirmed_file(self.out, part)).collect(),
             outputs: vec![PartialFusion::merged_file(self.out, part)],
             dependencies: Part::all(self.parts).map(|part| fusion_id("confirm", part)).collect(),
-            ..self.task(fusion_id("merge", part), self.fuse_command(flags))
+            ..self.task(fusion_id("merge", part), self.output_command("fuse", flags))
         }
     }
 
+    fn outline(&self, part: Part) -> Task {
+        let flags = ["--step".to_owned(), "outline".to_owned(), "--part".to_owned(), part.to_string()];
+        Task {
+            inputs: vec![PartialFusion::confirmed_file(self.out, part)],
+            outputs: vec![PartialMesh::outlines_file(self.out, part)],
+            dependencies: vec![fusion_id("confirm", part)],
+            ..self.task(fusion_id("outline", part), self.output_command("mesh", flags))
+        }
+    }
+
+    fn surface(&self, part: Part) -> Task {
+        let flags = ["--step".to_owned(), "surface".to_owned(), "--part".to_owned(), part.to_string()];
+        Task {
+            inputs: Part::all(self.parts).map(|part| PartialMesh::outlines_file(self.out, part)).collect(),
+            outputs: vec![PartialMesh::surfaces_file(self.out, part)],
+            dependencies: Part::all(self.parts).map(|part| fusion_id("outline", part)).collect(),
+            ..self.task(fusion_id("surface", part), self.output_command("mesh", flags))
+        }
+    }
+
+    fn join(&self) -> Task {
+        let flags = ["--step".to_owned(), "join".to_owned(), "--parts".to_owned(), self.parts.to_string()];
+        Task {
+            inputs: Part::all(self.parts).map(|part| PartialMesh::surfaces_file(self.out, part)).collect(),
+            outputs: vec![self.mesh_file()],
+            dependencies: Part::all(self.parts).map(|part| fusion_id("surface", part)).collect(),
+            ..self.task("join".to_owned(), self.output_command("mesh", flags))
+        }
+    }
+
+    fn mesh_file(&self) -> PathBuf {
+        self.out.join("mesh.ply")
+    }
+
+    /// It removes the confirmed pixels, which the mesh needs too.
     fn concatenate(&self) -> Task {
         let flags =
             ["--step".to_owned(), "concatenate".to_owned(), "--parts".to_owned(), self.parts.to_string()];
-        let mut argv = self.fuse_command(flags);
+        let mut argv = self.output_command("fuse", flags);
         argv.extend((!self.report).then(|| "--no-report".to_owned()));
+        let merged = Part::all(self.parts).map(|part| PartialFusion::merged_file(self.out, part));
+        let parts = Part::all(self.parts).map(|part| fusion_id("merge", part));
         Task {
-            inputs: Part::all(self.parts).map(|part| PartialFusion::merged_file(self.out, part)).collect(),
+            inputs: merged.chain(self.mesh.then(|| self.mesh_file())).collect(),
             outputs: vec![self.output.cloud()],
-            dependencies: Part::all(self.parts).map(|part| fusion_id("merge", part)).collect(),
+            dependencies: parts.chain(self.mesh.then(|| "join".to_owned())).collect(),
             ..self.task("concatenate".to_owned(), argv)
         }
     }
@@ -205,8 +249,9 @@ impl Graph<'_> {
         self.command(["vamvs", "depth"].map(str::to_owned).to_vec(), flags)
     }
 
-    fn fuse_command(&self, flags: [String; 4]) -> Vec<String> {
-        let start = vec!["vamvs".to_owned(), "fuse".to_owned(), path_text(self.out)];
+    /// A command on the output folder.
+    fn output_command(&self, name: &str, flags: [String; 4]) -> Vec<String> {
+        let start = vec!["vamvs".to_owned(), name.to_owned(), path_text(self.out)];
         self.if_strict(self.command(start, flags))
     }
 

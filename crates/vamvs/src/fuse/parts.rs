@@ -11,10 +11,10 @@ use vamvs_fusion::{
     MapSource, Schedule,
 };
 
-use super::part_files::{FrameReader, Kind, PartFiles, path};
 use super::{FuseSummary, Sink, warn_of_memory, with_own_confidence, working_memory, write_cloud};
 use crate::event::OnEvent;
 use crate::memory::keeping_freed;
+use crate::part_files::{FrameReader, Kind, PartFiles, path};
 use crate::photographs::hash_file;
 use crate::{Event, ExportOptions, FusionOptions, Maps, VamvsError};
 
@@ -146,7 +146,7 @@ impl<'a> PartialFusion<'a> {
         let wanted = (&self.options, exports);
         let fused = write_cloud((self.maps, &self.neighbours), cloud, wanted, run, on_event)?;
         if fused.points > 0 {
-            self.remove(parts);
+            self.files.remove(&[Kind::Counts, Kind::Pixels, Kind::Points], parts);
         }
         Ok(fused)
     }
@@ -185,25 +185,55 @@ impl<'a> PartialFusion<'a> {
         let mut all = ConsistentViews::new();
         for part in Part::all(parts) {
             if self.schedule.confirmed_in(part).iter().any(|view| needed.contains(view)) {
-                let mut file: FrameReader = self.files.open(Kind::Pixels, part)?;
-                while let Some((view, pixels)) = file.next::<(usize, ConsistentPixels)>()? {
-                    if needed.contains(&view) {
-                        all.insert(view, pixels);
-                    }
-                }
+                self.read_pixels(part, |view| needed.contains(&view), &mut all)?;
             }
         }
         Ok(all)
     }
 
-    /// Removes the files of all parts; other files in their folder stay.
-    fn remove(&self, parts: usize) {
-        for part in Part::all(parts) {
-            for kind in [Kind::Counts, Kind::Pixels, Kind::Points] {
-                std::fs::remove_file(self.files.path(kind, part)).ok();
+    /// Adds the consistent pixels of the views of a part of the first pass for which `is_needed` holds.
+    fn read_pixels(
+        &self,
+        part: Part,
+        is_needed: impl Fn(usize) -> bool,
+        all: &mut ConsistentViews,
+    ) -> Result<(), VamvsError> {
+        let mut file: FrameReader = self.files.open(Kind::Pixels, part)?;
+        while let Some((view, pixels)) = file.next::<(usize, ConsistentPixels)>()? {
+            if is_needed(view) {
+                all.insert(view, pixels);
             }
         }
-        std::fs::remove_dir(self.files.folder()).ok();
+        Ok(())
+    }
+
+    /// The depth maps.
+    pub(crate) fn maps(&self) -> &'a Maps {
+        self.maps
+    }
+
+    /// The views of a part of the first pass.
+    pub(crate) fn views_in(&self, part: Part) -> &[usize] {
+        self.schedule.confirmed_in(part)
+    }
+
+    /// The hash of all inputs.
+    pub(crate) fn made_of(&self) -> &str {
+        &self.files.made_of
+    }
+
+    /// Adds the consistent pixels of a view, and those of all views of its part of the first pass, unless they are there.
+    pub(crate) fn expect_pixels(
+        &self,
+        view: usize,
+        parts: usize,
+        all: &mut ConsistentViews,
+    ) -> Result<(), VamvsError> {
+        let is_in = |part: &Part| self.views_in(*part).contains(&view);
+        match Part::all(parts).find(is_in) {
+            Some(part) if !all.contains_key(&view) => self.read_pixels(part, |_| true, all),
+            _ => Ok(()),
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Files that the parts of a fusion exchange: a sequence of frames, each with its length and hash.
+//! Files that the parts of a fusion or a mesh exchange: a sequence of frames, each with its length and hash.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Write};
@@ -19,32 +19,53 @@ const LARGEST: u64 = 1 << 34;
 /// The folder of the files.
 const FOLDER: &str = "parts";
 
-/// The files of one fusion, in the folder `parts/` beside the depth maps.
-pub(super) struct PartFiles {
+/// The files of one fusion or mesh, in the folder `parts/` beside the depth maps.
+pub(crate) struct PartFiles {
     root: PathBuf,
-    /// The hash of all inputs of the fusion, the first frame of each file.
-    made_of: String,
+    /// The hash of all inputs, the first frame of each file.
+    pub made_of: String,
 }
 
 /// A kind of file.
 #[derive(Clone, Copy)]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     /// Counts of the first pass, one frame for all views of a part.
     Counts,
     /// The consistent pixels, one frame for each view of a part.
     Pixels,
     /// Points of the second pass, one frame for each batch.
     Points,
+    /// What the volume of a mesh is laid out around, one frame for each view of a part.
+    Outlines,
+    /// The surface in a part of the volume, one frame for each block.
+    Surfaces,
 }
 
-/// The file of a part in a fusion of the depth maps in `root`.
-pub(super) fn path(root: &Path, kind: Kind, part: Part) -> PathBuf {
-    let kind = match kind {
-        Kind::Counts => "counts",
-        Kind::Pixels => "pixels",
-        Kind::Points => "points",
-    };
-    root.join(FOLDER).join(format!("{kind}-{}", part.to_string().replace('/', "-of-")))
+impl Kind {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Counts => "counts",
+            Self::Pixels => "pixels",
+            Self::Points => "points",
+            Self::Outlines => "outlines",
+            Self::Surfaces => "surfaces",
+        }
+    }
+
+    /// The command that makes such files.
+    fn command(self) -> &'static str {
+        match self {
+            Self::Counts | Self::Pixels => "vamvs fuse --step confirm",
+            Self::Points => "vamvs fuse --step merge",
+            Self::Outlines => "vamvs mesh --step outline",
+            Self::Surfaces => "vamvs mesh --step surface",
+        }
+    }
+}
+
+/// The file of a part, of the depth maps in `root`.
+pub(crate) fn path(root: &Path, kind: Kind, part: Part) -> PathBuf {
+    root.join(FOLDER).join(format!("{}-{}", kind.name(), part.to_string().replace('/', "-of-")))
 }
 
 impl PartFiles {
@@ -68,17 +89,12 @@ impl PartFiles {
         Ok(frames)
     }
 
-    /// Opens a file; an error if it is of another fusion.
+    /// Opens a file; an error if it was made of something else.
     pub fn open(&self, kind: Kind, part: Part) -> Result<FrameReader, VamvsError> {
         let path = self.path(kind, part);
         if !path.is_file() {
-            let problem = match kind {
-                Kind::Counts | Kind::Pixels => {
-                    "is missing: run `vamvs fuse --step confirm` for its part first"
-                }
-                Kind::Points => "is missing: run `vamvs fuse --step merge` for its part first",
-            };
-            return Err(VamvsError::Folder { path, problem: problem.to_owned() });
+            let problem = format!("is missing: run `{}` for its part first", kind.command());
+            return Err(VamvsError::Folder { path, problem });
         }
         let file = File::open(&path).map_err(|source| IoError::System {
             action: "read",
@@ -93,13 +109,21 @@ impl PartFiles {
         Ok(frames)
     }
 
-    /// Whether there is a complete, undamaged file of the same fusion.
+    /// Removes the files of these kinds of all parts, and their folder if no other file is in it.
+    pub fn remove(&self, kinds: &[Kind], parts: usize) {
+        for part in Part::all(parts) {
+            kinds.iter().for_each(|&kind| _ = std::fs::remove_file(self.path(kind, part)));
+        }
+        std::fs::remove_dir(self.folder()).ok();
+    }
+
+    /// Whether there is a complete, undamaged file that was made of the same.
     pub fn is_there(&self, kind: Kind, part: Part) -> bool {
         self.open(kind, part).and_then(FrameReader::check).is_ok()
     }
 }
 
-pub(super) struct FrameWriter {
+pub(crate) struct FrameWriter {
     file: AtomicFile,
 }
 
@@ -122,7 +146,7 @@ impl FrameWriter {
     }
 }
 
-pub(super) struct FrameReader {
+pub(crate) struct FrameReader {
     path: PathBuf,
     file: BufReader<File>,
 }

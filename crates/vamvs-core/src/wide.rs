@@ -2,7 +2,8 @@
 
 /// Defines a function three times, for every processor of the target, for those with AVX2 and for those with AVX-512, and
 /// calls the widest that this processor can run. All do the same operations in the same order (no fused multiply-add), so
-/// results are the same bit for bit.
+/// results are the same bit for bit. The body must be `#[inline(always)]`.
+#[macro_export]
 macro_rules! widened {
     ($(#[$doc:meta])* $visible:vis fn $name:ident($($argument:ident: $kind:ty),* $(,)?) = $body:path;) => {
         $(#[$doc])*
@@ -34,5 +35,3 @@ macro_rules! widened {
         }
     };
 }
-
-pub(crate) use widened;
