@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::Rgb;
+use crate::{CloudPoint, Rgb};
 
 /// A triangle mesh. Vertices have numbers; triangles are counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -20,6 +20,20 @@ pub struct Mesh {
 }
 
 impl Mesh {
+    /// A mesh of these vertices, with their normals and colours.
+    #[must_use]
+    pub fn of(vertices: &[CloudPoint], triangles: Vec<[u32; 3]>) -> Self {
+        let origin = vertices.first().map(|vertex| vertex.x_in_world).unwrap_or_default();
+        let relative = |x: &CloudPoint| [0, 1, 2].map(|axis| (x.x_in_world[axis] - origin[axis]) as f32);
+        Self {
+            origin,
+            positions: vertices.iter().map(relative).collect(),
+            normals: vertices.iter().map(|vertex| vertex.normal).collect(),
+            colours: vertices.iter().map(|vertex| vertex.colour).collect(),
+            triangles,
+        }
+    }
+
     /// A vertex' position in the world.
     #[must_use]
     pub fn x_in_world(&self, vertex: u32) -> Vector3<f64> {

@@ -38,6 +38,7 @@ use vamvs_core::{Grid, Pinhole, Pose, Rgb, Size};
 pub use assembly::{Assembly, BlockSurface};
 pub use mesher::Mesher;
 pub use outline::Outline;
+pub use simplify::reduce;
 pub use volume::{Block, Volume};
 
 use volume::LARGEST_CELL;

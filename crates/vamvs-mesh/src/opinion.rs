@@ -88,7 +88,7 @@ fn weigh_all(seen: &Seen, [x, y, z]: &Places, scale: &Scale, opinions: &mut Opin
         let (distance_in_band, pixels) = (distance.max(-band).min(band), pixel * pixel);
         let certainty =
             pixels / ((pixels + distance_in_band * distance_in_band) * (sigma * sigma + doubt * doubt));
-        let share = ((distance / band + HIDDEN) * (1.0 / (HIDDEN - SURE))).max(0.0).min(1.0);
+        let share = ((distance / band + HIDDEN) * (1.0 / (HIDDEN - SURE))).clamp(0.0, 1.0);
         let declining = HIDDEN_WEIGHT + (1.0 - HIDDEN_WEIGHT) * share;
         let is_known = distance >= -(2.0 * band).max(CELL_BEHIND * near);
         let behind = if is_known { declining * (1.0 - (1.0 - JUMP_WEIGHT) * seen.at_jump[i]) } else { 0.0 };

@@ -9,7 +9,7 @@ const MOST_ERROR: f32 = 1.0;
 
 /// Reduces a mesh to this many triangles, or to the fewest that keep its topology and its borders. Of the vertices some are
 /// left, where they were.
-pub(crate) fn reduce(mesh: &mut Mesh, triangles: usize) {
+pub fn reduce(mesh: &mut Mesh, triangles: usize) {
     if triangles >= mesh.triangles.len() {
         return;
     }

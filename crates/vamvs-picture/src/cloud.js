@@ -75,7 +75,7 @@
     if (!gl.getShaderParameter(made, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(made));
     return made;
   }
-  let program, uniform, attribute, points, pyramids, pyramidCount;
+  let program, uniform, attribute, points, pyramids, pyramidCount, mesh;
   function prepare() {
     program = gl.createProgram();
     gl.attachShader(program, shader(gl.VERTEX_SHADER, "vertex"));
@@ -85,13 +85,22 @@
     gl.useProgram(program);
     uniform = (name) => gl.getUniformLocation(program, name);
     attribute = (name) => gl.getAttribLocation(program, name);
-    points = filled(Uint8Array.from(atob(data.points), (letter) => letter.charCodeAt(0)));
+    points = filled(decoded(data.points));
+    if (data.mesh && gl.getExtension("OES_element_index_uint")) {
+      const numbers = decoded(data.mesh.triangles);
+      mesh = { vertices: filled(decoded(data.mesh.vertices)), triangles: gl.createBuffer(), count: numbers.length / 4 };
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, mesh.triangles);
+      gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, numbers, gl.STATIC_DRAW);
+    }
     const lines = data.cameras.flatMap(pyramid);
     pyramids = filled(new Float32Array(lines));
     pyramidCount = lines.length / 3;
     gl.uniform3fv(uniform("ramp"), data.ramp.flat());
     gl.uniform1f(uniform("most_views"), data.most_views);
     gl.enable(gl.DEPTH_TEST);
+  }
+  function decoded(text) {
+    return Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   }
   function filled(values) {
     const buffer = gl.createBuffer();
@@ -125,7 +134,9 @@
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     drawFrom(halves());
-    drawPoints();
+    // A mesh has neither confidence nor numbers of views.
+    if (mesh && form.mesh.checked && Number(form.look.value) < 2) drawMesh();
+    else drawPoints();
     if (form.pyramids.checked) drawPyramids();
   }
   function drawFrom([width, height]) {
@@ -138,7 +149,18 @@
     gl.uniform1f(uniform("reach"), (size * 0.5 * canvas.height) / height);
   }
   function drawPoints() {
-    gl.bindBuffer(gl.ARRAY_BUFFER, points);
+    bindPoints(points);
+    gl.uniform1i(uniform("round"), 1);
+    gl.drawArrays(gl.POINTS, 0, data.count);
+  }
+  function drawMesh() {
+    bindPoints(mesh.vertices);
+    gl.uniform1i(uniform("round"), 0);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, mesh.triangles);
+    gl.drawElements(gl.TRIANGLES, mesh.count, gl.UNSIGNED_INT, 0);
+  }
+  function bindPoints(buffer) {
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     const bind = (name, size, type, normalised, offset) => {
       gl.enableVertexAttribArray(attribute(name));
       gl.vertexAttribPointer(attribute(name), size, type, normalised, POINT_BYTES, offset);
@@ -150,8 +172,6 @@
     gl.uniform3fv(uniform("scale"), data.extent);
     gl.uniform3fv(uniform("shift"), scaled(data.extent, -0.5));
     gl.uniform1i(uniform("look"), Number(form.look.value));
-    gl.uniform1i(uniform("round"), 1);
-    gl.drawArrays(gl.POINTS, 0, data.count);
   }
   function drawPyramids() {
     gl.bindBuffer(gl.ARRAY_BUFFER, pyramids);
@@ -214,7 +234,7 @@
   }
   form.camera.addEventListener("change", () => lookFrom(data.cameras[form.camera.value]));
   form.whole.addEventListener("click", lookAtAll);
-  for (const name of ["look", "pyramids", "size"]) {
+  for (const name of ["look", "mesh", "pyramids", "size"]) {
     const inputs = form[name].length ? [...form[name]] : [form[name]];
     inputs.forEach((input) => input.addEventListener("input", () => { showRamp(); draw(); }));
   }

@@ -4,7 +4,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
-use vamvs_core::{CloudPoint, Pinhole, Pose};
+use vamvs_core::{CloudPoint, Mesh, Pinhole, Pose};
 
 use crate::Scale;
 use crate::number::{grouped, percent};
@@ -45,6 +45,16 @@ pub struct CloudView {
     pub(crate) up: Vector3<f64>,
     /// The camera from which the page looks first.
     pub(crate) start: usize,
+    mesh: Option<ShownMesh>,
+}
+
+/// A mesh beside the cloud.
+#[derive(Clone, Debug)]
+struct ShownMesh {
+    vertices: Vec<u8>,
+    triangles: Vec<[u32; 3]>,
+    /// Number of triangles of the whole mesh.
+    total: usize,
 }
 
 /// The data of the script. Lengths are in units of the longest side of the cloud's box, positions
@@ -64,6 +74,14 @@ struct Data<'a> {
     /// The colours of the scale in even steps: red, green and blue, 0 to 1.
     ramp: Vec<[f32; 3]>,
     cameras: Vec<Camera<'a>>,
+    mesh: Option<MeshData>,
+}
+
+/// A mesh: vertices as points are, and numbers of vertices, four bytes each.
+#[derive(Serialize)]
+struct MeshData {
+    vertices: String,
+    triangles: String,
 }
 
 #[derive(Serialize)]
@@ -89,7 +107,17 @@ impl CloudView {
         let seen = |camera: &ShownCamera| camera.depths(&packed.points).len();
         let best = cameras.iter().enumerate().rev().max_by_key(|(_, camera)| seen(camera));
         let start = best.map_or(0, |(index, _)| index);
-        Self { packed, cameras, up, start }
+        Self { packed, cameras, up, start, mesh: None }
+    }
+
+    /// The largest number of triangles of a mesh in a page.
+    pub const MOST_TRIANGLES: usize = 150_000;
+
+    /// With a mesh beside the cloud, which has normals and colours and is one of `total` triangles, reduced.
+    #[must_use]
+    pub fn with_mesh(self, mesh: &Mesh, total: usize) -> Self {
+        let (vertices, triangles) = self.packed.packed_mesh(mesh);
+        Self { mesh: Some(ShownMesh { vertices, triangles, total }), ..self }
     }
 
     /// Ascending indices of the points to take from a cloud of `total`: at most 300 000, evenly.
@@ -111,6 +139,7 @@ impl CloudView {
                 ("style", STYLE),
                 ("caption", &escaped(&self.caption())),
                 ("cameras", &options.collect::<String>()),
+                ("mesh-hidden", if self.mesh.is_some() { "" } else { " hidden" }),
                 ("scale", &Scale::Confidence.css()),
                 ("most-views", &self.most_views().to_string()),
                 ("vertex", VERTEX),
@@ -127,6 +156,10 @@ impl CloudView {
         let mut caption = format!("{} of {} points", grouped(points.len() as u64), grouped(*total as u64));
         if *outside > 0.0 {
             caption.push_str(&format!("; {} lie far outside and are not shown", percent(*outside, 2)));
+        }
+        if let Some(ShownMesh { triangles, total, .. }) = &self.mesh {
+            let [shown, total] = [triangles.len(), *total].map(|count| grouped(count as u64));
+            caption.push_str(&format!("; a mesh of {total} triangles, reduced to {shown}"));
         }
         caption
     }
@@ -151,6 +184,16 @@ impl CloudView {
             pyramid: pyramid(&self.cameras, side),
             ramp: ramp(Scale::Confidence),
             cameras: self.cameras.iter().map(camera).collect(),
+            mesh: self.mesh.as_ref().map(|mesh| MeshData {
+                vertices: STANDARD.encode(&mesh.vertices),
+                triangles: STANDARD.encode(
+                    mesh.triangles
+                        .as_flattened()
+                        .iter()
+                        .flat_map(|number| number.to_le_bytes())
+                        .collect::<Vec<_>>(),
+                ),
+            }),
         }
     }
 }
@@ -260,6 +303,31 @@ mod tests {
         near(&a["tangents"][1], 0.5);
         near(&data["up"][1], -1.0);
         assert_eq!(data["ramp"].as_array().unwrap().len(), STOPS);
+    }
+
+    #[test]
+    fn a_mesh_has_its_vertices_in_the_box_of_the_cloud() {
+        let view = CloudView::new(41 * 41, &square(3.0), vec![camera("a", 0.0)]);
+        assert!(view.html().contains("<label hidden><input type=\"checkbox\" name=\"mesh\""));
+        let mesh = Mesh {
+            origin: [1.0, -1.0, 3.0],
+            positions: vec![[0.0; 3], [-2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 9.0, 0.0]],
+            normals: vec![[0.0, 0.0, -1.0]; 4],
+            colours: vec![[7, 8, 9]; 4],
+            triangles: vec![[0, 2, 1], [0, 3, 1]],
+        };
+        let html = view.with_mesh(&mesh, 1000).html();
+        assert!(
+            html.contains("a mesh of 1\u{202f}000 triangles, reduced to 1."),
+            "one of them is outside of the box"
+        );
+        let data = data(&html);
+        let bytes = |name: &str| STANDARD.decode(data["mesh"][name].as_str().unwrap()).unwrap();
+        assert_eq!(bytes("triangles"), [0, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0]);
+        let vertices = bytes("vertices");
+        assert_eq!(vertices[..2], u16::MAX.to_le_bytes());
+        assert_eq!(vertices[POINT_BYTES..][..2], [0, 0]);
+        assert_eq!(vertices[6..9], [7, 8, 9]);
     }
 
     #[test]

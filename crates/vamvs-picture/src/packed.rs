@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use vamvs_core::CloudPoint;
+use vamvs_core::{CloudPoint, Mesh};
 
 use crate::viewpoint::quantile;
 
@@ -51,6 +51,27 @@ impl PackedCloud {
         let (low, extent) = bounds(&points);
         let bytes = points.iter().flat_map(|point| packed(point, &low, &extent)).collect();
         Self { low, extent, bytes, points, total, outside }
+    }
+
+    /// The vertices of a mesh as points of the cloud, and its triangles but those with a vertex outside of the box.
+    pub(crate) fn packed_mesh(&self, mesh: &Mesh) -> (Vec<u8>, Vec<[u32; 3]>) {
+        let place = |vertex: u32| -> [f64; 3] { mesh.x_in_world(vertex).into() };
+        let is_inside = |vertex: u32| {
+            let x = place(vertex);
+            (0..3).all(|axis| (0.0..=self.extent[axis]).contains(&(x[axis] - self.low[axis])))
+        };
+        let point = |vertex: u32| CloudPoint {
+            x_in_world: place(vertex),
+            normal: mesh.normals[vertex as usize],
+            colour: mesh.colours[vertex as usize],
+            confidence: 0.0,
+            sigma: 0.0,
+            views: 0,
+        };
+        let vertices = 0..mesh.positions.len() as u32;
+        let bytes = vertices.flat_map(|vertex| packed(&point(vertex), &self.low, &self.extent)).collect();
+        let shown = |triangle: &&[u32; 3]| triangle.iter().all(|&vertex| is_inside(vertex));
+        (bytes, mesh.triangles.iter().filter(shown).copied().collect())
     }
 
     /// The middle of the box, world.

@@ -19,6 +19,9 @@ pub struct MeshArguments {
     /// The mesh to write: .ply, .obj or .glb [default: mesh.ply beside the depth maps].
     #[arg(short, long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Do not make the report again, which shows the mesh of a run.
+    #[arg(long)]
+    pub no_report: bool,
     /// How the mesh is made.
     #[command(flatten)]
     pub mesh: MeshFlags,

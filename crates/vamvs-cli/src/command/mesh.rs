@@ -36,6 +36,11 @@ pub fn run(arguments: &MeshArguments) -> Result<()> {
         }
         Some(step) => return part(&maps, &settings, (step, &arguments.step), &progress),
     };
+    if arguments.step.step.is_none() && !arguments.no_report && vamvs::report::shows_mesh(&maps, &made.file) {
+        let page =
+            vamvs::report::write(&maps, settings.fusion.max_memory, &mut |event| progress.show(event))?;
+        progress.say(&format!("report {}", page.display()));
+    }
     progress.finish();
     if common.json {
         say!("{}", as_json(&made));

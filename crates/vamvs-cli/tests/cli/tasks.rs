@@ -82,11 +82,12 @@ fn results(scene: &Scene) -> Vec<(String, Vec<u8>)> {
 #[test]
 fn tasks_in_any_order_give_the_bytes_of_one_process() {
     let scene = Scene::new(128, 96, 6);
-    expect_success(&scene.run("reconstruct", &WEIGHTS));
+    expect_success(&scene.run("reconstruct", &[&WEIGHTS[..], &["--mesh"]].concat()));
     let whole = results(&scene);
+    assert!(whole.iter().any(|(name, _)| name == "mesh.ply"));
     std::fs::remove_dir_all(scene.out()).unwrap();
-    let tasks = tasks(&scene);
-    assert_eq!(tasks.len(), 3 + 3 + 1 + 3 + 3 + 1);
+    let tasks = tasks_with(&scene, &["--mesh"]);
+    assert_eq!(tasks.len(), 3 + 3 + 1 + 3 + 3 + 3 + 3 + 1 + 1);
     do_all(&tasks);
     let names = |results: &[(String, Vec<u8>)]| -> Vec<String> {
         results.iter().map(|(name, _)| name.clone()).collect()
@@ -119,7 +120,7 @@ fn a_killed_task_is_done_again_and_what_is_done_stays() {
 #[test]
 fn what_is_missing_or_damaged_is_named() {
     let scene = Scene::new(128, 96, 4);
-    let tasks = tasks(&scene);
+    let tasks = tasks_with(&scene, &["--mesh"]);
     let fails = |id: &str| error_of(&done(with_id(&tasks, id)));
     assert!(fails("collect").contains("part 1/2 of the geometric step is not done"));
     assert!(fails("geometric-1-of-2").contains("part 1/2 of the photometric step is not done"));
@@ -148,6 +149,16 @@ fn what_is_missing_or_damaged_is_named() {
     expect_success(&done(with_id(&tasks, "confirm-1-of-2")));
     expect_success(&done(with_id(&tasks, "merge-1-of-2")));
     assert!(fails("concatenate").contains("points-2-of-2"));
+    assert!(fails("surface-1-of-2").contains("outlines-1-of-2: is missing: run `vamvs mesh --step outline`"));
+    truncate(&pixels);
+    assert!(fails("outline-1-of-2").contains("pixels-1-of-2"));
+    assert!(!scene.out().join("parts/outlines-1-of-2").exists());
+    expect_success(&done(with_id(&tasks, "confirm-1-of-2")));
+    for id in ["outline-1-of-2", "outline-2-of-2", "surface-1-of-2"] {
+        expect_success(&done(with_id(&tasks, id)));
+    }
+    assert!(fails("join").contains("surfaces-2-of-2"));
+    assert!(!scene.out().join("mesh.ply").exists());
     assert!(!scene.out().join("fused.ply").exists());
 }
 

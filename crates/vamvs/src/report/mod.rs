@@ -1,6 +1,6 @@
 //! `report.html`: a run on one page, made from its output folder alone.
 //!
-//! The page shows the cloud in 3-D and, for each view, its photograph, depth, confidence and what
+//! The page shows the cloud and the mesh `mesh.ply`, if there is one, in 3-D and, for each view, its photograph, depth, confidence and what
 //! became of its pixels; of a large run, pictures of some views only. The same folder gives the same page, so it
 //! holds no dates or times.
 
@@ -9,6 +9,7 @@ mod view;
 
 use std::path::{Path, PathBuf};
 
+use vamvs_core::Mesh;
 use vamvs_fusion::{MapSource, ViewReport};
 use vamvs_io::{IoError, ply};
 use vamvs_picture::number::{grouped, percent};
@@ -27,6 +28,9 @@ const COLOURS: [&str; 7] =
 /// The number of views of which the page shows pictures. More would make it too large for a browser, and take longer
 /// than the fusion.
 const MOST_PICTURED: usize = 60;
+
+/// The mesh that the page shows.
+const MESH: &str = "mesh.ply";
 
 /// Memory for each pixel of a view whose pictures are made.
 const BYTES_PER_PIXEL: u64 = 60;
@@ -52,6 +56,14 @@ pub fn expect_replaceable(maps: &Maps, cloud: &Path, wanted: bool) -> Result<(),
     }
     FusionRecord::expect_replaceable(maps.root())?;
     if wanted { Ok(Page::expect_replaceable(&page_file(maps))?) } else { Ok(()) }
+}
+
+/// Whether the page of depth maps is there and shows what is in this file.
+#[must_use]
+pub fn shows_mesh(maps: &Maps, file: &Path) -> bool {
+    page_file(maps).is_file()
+        && is_same(folder_of(file), maps.root())
+        && file.file_name() == Some(MESH.as_ref())
 }
 
 fn page_file(maps: &Maps) -> PathBuf {
@@ -135,12 +147,25 @@ impl<'a> Report<'a> {
         let cameras = (0..self.maps.len()).map(camera).collect();
         let there = cloud.is_some();
         let (total, taken) = cloud.unwrap_or_default();
-        let view = CloudView::new(total, &taken, cameras);
+        let view = self.with_mesh(CloudView::new(total, &taken, cameras))?;
         if there {
             page.cloud(&view);
         }
         page.floor_plan(&view);
         Ok(())
+    }
+
+    /// With the mesh that is beside the depth maps, if there is one.
+    fn with_mesh(&self, view: CloudView) -> Result<CloudView, VamvsError> {
+        let file = self.maps.root().join(MESH);
+        if !file.is_file() || !ply::is_mesh(&file)? {
+            return Ok(view);
+        }
+        let (vertices, triangles) = ply::read_mesh(&file)?;
+        let mut mesh = Mesh::of(&vertices, triangles);
+        let total = mesh.triangles.len();
+        vamvs_mesh::reduce(&mut mesh, CloudView::MOST_TRIANGLES);
+        Ok(view.with_mesh(&mesh, total))
     }
 
     fn views(&self, page: &mut Page, on_event: &mut OnEvent<'_>) -> Result<(), VamvsError> {
