@@ -54,10 +54,14 @@ struct Vertices {
     irregular: HashMap<u16, Patches>,
 }
 
-/// The surface of a field in a range of bricks.
-pub(crate) fn extract(field: &Field<'_>, bricks: Range<usize>) -> Surface {
+/// The surface of a field in a range of bricks, of the polygons for which `is_kept` holds of middle and normal.
+pub(crate) fn extract(
+    field: &Field<'_>,
+    bricks: Range<usize>,
+    is_kept: impl Fn(&Vector3<f64>, &Vector3<f64>) -> bool + Sync,
+) -> Surface {
     let vertices = field.bricks.all.iter().map(|_| OnceLock::new()).collect();
-    let extractor = Extractor { field, vertices };
+    let extractor = Extractor { field, is_kept, vertices };
     let triangles: Vec<Vec<[Vertex; 3]>> =
         bricks.clone().into_par_iter().map(|brick| extractor.triangles(brick)).collect();
     let positions = |brick| &extractor.vertices(brick).positions;
@@ -272,13 +276,15 @@ impl Boundary {
 }
 
 /// Makes the polygons.
-struct Extractor<'a> {
+struct Extractor<'a, K> {
     field: &'a Field<'a>,
+    /// Whether a polygon with this middle and normal is a part of the surface.
+    is_kept: K,
     /// The bricks' vertices, each brick's when they are first asked for.
     vertices: Vec<OnceLock<Vertices>>,
 }
 
-impl Extractor<'_> {
+impl<K: Fn(&Vector3<f64>, &Vector3<f64>) -> bool> Extractor<'_, K> {
     fn vertices(&self, brick: usize) -> &Vertices {
         self.vertices[brick].get_or_init(|| vertices(self.field, brick))
     }
@@ -335,7 +341,12 @@ impl Extractor<'_> {
         if low >= 0.0 {
             corners.reverse();
         }
-        Self::add_polygon(corners, triangles);
+        let places = corners.map(|corner| corner.1);
+        let middle = places.iter().sum::<Vector3<f64>>() / 4.0;
+        let normal = (places[2] - places[0]).cross(&(places[3] - places[1]));
+        if (self.is_kept)(&middle, &normal) {
+            Self::add_polygon(corners, triangles);
+        }
     }
 
     /// The cell that contains a finest cell, near another cell.
@@ -404,7 +415,8 @@ mod tests {
         let origin = bricks.x_in_world(&bricks.all[0].low.cast());
         let mut assembly = Assembly::default();
         for part in Part::all(5) {
-            let Surface { counts, positions, triangles } = extract(field, part.range(bricks.all.len()));
+            let Surface { counts, positions, triangles } =
+                extract(field, part.range(bricks.all.len()), |_, _| true);
             let relative = |place: &Vector3<f64>| (bricks.x_in_world(place) - origin).cast::<f32>().into();
             let positions = positions.iter().map(relative).collect();
             assembly.push(BlockSurface { counts, positions, colours: Vec::new(), triangles });

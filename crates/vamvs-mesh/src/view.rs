@@ -22,6 +22,9 @@ const WIDEST_BAND: f32 = 6.0;
 /// The error of a depth that its standard deviation does not know, in sizes of a pixel on the surface.
 pub(crate) const LEAST_SIGMA: f32 = 0.3;
 
+/// The cosine of normal and ray of a surface that is seen from behind: noise turns surfaces that are seen at a grazing angle.
+const MOST_AWAY: f64 = 0.1;
+
 /// Neighbours that are farther than this from a pixel's tangent plane, in sizes of a pixel, are of another surface.
 const JUMP: f32 = 4.0;
 
@@ -93,6 +96,19 @@ impl SeenView {
         }
         let (distance, pixel, sigma) = self.distance(surface, place, x);
         distance >= band(pixel, sigma) && !surface.is_at_jump()
+    }
+
+    /// Whether the view sees a surface near a place in the world, and not from behind: the side to which a normal points.
+    pub fn faces(&self, place: &Vector3<f64>, normal: &Vector3<f64>, near: f32) -> bool {
+        let pose = &self.sight.cam_from_world;
+        let x = pose.transform(place);
+        let Some(pixel) = self.sight.pixel(&x) else { return false };
+        let (surface, away) = (self.surfaces[pixel], (pose.rotation * normal).dot(&x));
+        if surface.depth <= 0.0 || away >= MOST_AWAY * normal.norm() * x.norm() {
+            return false;
+        }
+        let (distance, size, sigma) = self.distance(surface, pixel, &x);
+        distance.abs() <= band(size, sigma).max(near * size)
     }
 
     /// The colour that the view has for a place on the surface, in its own frame, and how much it counts.

@@ -130,7 +130,11 @@ impl Volume {
     /// The surface in a block, of the views that may say something of it, in their order.
     pub(crate) fn surface(&self, block: &Block, views: &[Arc<SeenView>]) -> BlockSurface {
         let field = Field::of(&self.bricks, views, self.near());
-        let Surface { counts, positions, triangles } = extract(&field, block.bricks.clone());
+        let faces_a_view = |place: &Vector3<f64>, normal: &Vector3<f64>| {
+            let place = self.bricks.x_in_world(place);
+            views.iter().any(|view| view.faces(&place, normal, self.near()))
+        };
+        let Surface { counts, positions, triangles } = extract(&field, block.bricks.clone(), faces_a_view);
         let places: Vec<Vector3<f64>> =
             positions.par_iter().map(|place| self.bricks.x_in_world(place)).collect();
         let origin = self.origin();
