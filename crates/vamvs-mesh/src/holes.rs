@@ -197,6 +197,9 @@ fn triangulated(mesh: &Mesh, hole: &Loop, edges: &HashSet<[u32; 2]>) -> Option<V
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::MeshView;
+    use nalgebra::Matrix3;
+    use vamvs_core::{Grid, Intrinsics, Pinhole, Pose, Size};
 
     /// A height field of 20×20 vertices on a dome, without the cells around the middle.
     fn dome(is_there: impl Fn(i32, i32) -> bool) -> Mesh {
@@ -238,6 +241,37 @@ mod tests {
             let normal = (b - a).cross(&(c - a)).normalize();
             assert!(normal.z > 0.9, "{normal:?}");
         }
+    }
+
+    #[test]
+    fn a_hole_that_a_view_sees_through_stays_open() {
+        let size = Size::new(240, 240);
+        let intrinsics = Intrinsics { fx: 400.0, fy: 400.0, cx: 120.0, cy: 120.0 };
+        // From above: the hole is 3 to 4 units wide, and a unit 10 pixels.
+        let look_down = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+        let pose = Pose { rotation: look_down, translation: Vector3::new(-9.5, 9.5, 60.0) };
+        let is_hole = |x: usize, y: usize| (100..140).contains(&x) && (100..140).contains(&y);
+        let closed_with = |depth: f32, confirmed: bool| {
+            let view = MeshView {
+                camera: Pinhole { size, intrinsics },
+                cam_from_world: pose,
+                depth: Grid::from_fn(size, |x, y| if is_hole(x, y) { depth } else { 40.2 }),
+                confirmed: Some(Grid::from_fn(size, |x, y| confirmed || !is_hole(x, y))),
+                sigma: None,
+                normals: None,
+                colour: Grid::filled(size, [0; 3]),
+            };
+            let mut mesh = dome(|x, y| !(8..11).contains(&x) || !(8..12).contains(&y));
+            let before = mesh.triangles.len();
+            let mut holes = Holes::of(&mesh, 30);
+            holes.look(&SeenView::new(0, view).expect("rasters of one size"));
+            holes.close(&mut mesh);
+            mesh.triangles.len() - before
+        };
+        assert_eq!(closed_with(50.0, false), 12, "what is seen there is not confirmed");
+        assert_eq!(closed_with(50.0, true), 0, "another surface");
+        assert_eq!(closed_with(0.0, true), 0, "no surface");
+        assert_eq!(closed_with(30.0, true), 12, "a surface before it");
     }
 
     #[test]

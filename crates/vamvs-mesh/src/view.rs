@@ -87,15 +87,24 @@ impl SeenView {
         self.surfaces[place]
     }
 
-    /// Whether the view sees past a place in its own frame: what it sees there is farther, or there is no surface.
+    /// Whether the view sees past a place in its own frame: what it sees there is farther, or there is no surface around.
     pub fn sees_past(&self, x: &Vector3<f64>) -> bool {
-        let Some(place) = self.sight.pixel(x) else { return false };
-        let surface = self.surfaces[place];
+        let Some((column, row)) = self.sight.pixel(x) else { return false };
+        let surface = self.surfaces[(column, row)];
         if surface.depth <= 0.0 {
-            return surface.depth == 0.0;
+            let mut around = self.around((column, row));
+            return around.all(|place| self.surfaces[place].depth == 0.0);
         }
-        let (distance, pixel, sigma) = self.distance(surface, place, x);
+        let (distance, pixel, sigma) = self.distance(surface, (column, row), x);
         distance >= band(pixel, sigma) && !surface.is_at_jump()
+    }
+
+    /// A pixel and those beside it.
+    fn around(&self, (x, y): (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
+        let size = self.surfaces.size();
+        let columns = x.saturating_sub(1)..(x + 2).min(size.width);
+        let rows = y.saturating_sub(1)..(y + 2).min(size.height);
+        rows.flat_map(move |row| columns.clone().map(move |column| (column, row)))
     }
 
     /// Whether the view sees a surface near a place in the world, and not from behind: the side to which a normal points.
@@ -104,7 +113,7 @@ impl SeenView {
         let x = pose.transform(place);
         let Some(pixel) = self.sight.pixel(&x) else { return false };
         let (surface, away) = (self.surfaces[pixel], (pose.rotation * normal).dot(&x));
-        if surface.depth <= 0.0 || away >= MOST_AWAY * normal.norm() * x.norm() {
+        if surface.depth <= 0.0 || away > MOST_AWAY * normal.norm() * x.norm() {
             return false;
         }
         let (distance, size, sigma) = self.distance(surface, pixel, &x);
@@ -166,13 +175,8 @@ impl SeenView {
         if surface.depth <= 0.0 {
             return false;
         }
-        let columns = x.saturating_sub(1)..(x + 2).min(self.surfaces.size().width);
-        (y.saturating_sub(1)..(y + 2).min(self.surfaces.size().height)).any(|row| {
-            columns.clone().any(|column| {
-                self.surfaces[(column, row)].depth > 0.0
-                    && self.distance_between((column, row), (x, y)) > JUMP
-            })
-        })
+        let mut around = self.around((x, y));
+        around.any(|other| self.surfaces[other].depth > 0.0 && self.distance_between(other, (x, y)) > JUMP)
     }
 }
 

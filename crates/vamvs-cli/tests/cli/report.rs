@@ -54,6 +54,26 @@ fn the_page_tells_what_the_fusion_told() {
 }
 
 #[test]
+fn the_page_shows_the_mesh_beside_the_cloud() {
+    let scene = Scene::new(96, 64, 4);
+    let folder = true_maps(&scene);
+    let page = folder.root().join("report.html");
+    let has_mesh = || read(&page).contains("\"mesh\":{\"vertices\"");
+    expect_success(&run("mesh", folder.root(), &["--min-triangles", "10"]));
+    assert!(!page.exists(), "a mesh alone makes no page");
+    std::fs::rename(folder.root().join("mesh.ply"), scene.path("kept.ply")).unwrap();
+    expect_success(&run("fuse", folder.root(), &[]));
+    assert!(!has_mesh());
+    expect_success(&run("mesh", folder.root(), &["--no-report"]));
+    assert!(!has_mesh());
+    expect_success(&run("mesh", folder.root(), &[]));
+    assert!(has_mesh());
+    let shown = read(&page);
+    expect_success(&run("report", folder.root(), &[]));
+    assert_eq!(read(&page), shown);
+}
+
+#[test]
 fn the_page_is_left_out_made_again_and_made_without_a_cloud() {
     let scene = Scene::new(96, 64, 3);
     let folder = true_maps(&scene);
