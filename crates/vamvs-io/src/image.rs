@@ -7,7 +7,7 @@
 //! sizes are equal (no rotation, a half turn, a square image), the pixels are used as stored.
 
 use std::fs::{self, File};
-use std::io::{self, BufReader, Cursor, Write};
+use std::io::{self, BufReader, Cursor, Read, Write};
 use std::path::Path;
 
 use ::image::codecs::jpeg::JpegEncoder;
@@ -135,7 +135,11 @@ pub fn stored_size(path: &Path) -> Result<Size, IoError> {
     {
         return require_pixels(path, size);
     }
-    let (width, height) = reader.into_dimensions().map_err(refused(path))?;
+    let dimensions = reader.into_dimensions();
+    let (width, height) = dimensions.map_err(|error| match beginning(path) {
+        Ok(bytes) => unreadable(path, &bytes, error),
+        Err(error) => error,
+    })?;
     require_pixels(path, Size::new(width as usize, height as usize))
 }
 
@@ -227,12 +231,13 @@ pub(crate) fn decode(path: &Path) -> Result<DynamicImage, IoError> {
 /// an image of its size.
 fn decode_at_least(path: &Path, longer_side: impl Fn(Size) -> usize) -> Result<Decoded, IoError> {
     let bytes = read_limited(path)?;
-    let format = ::image::guess_format(&bytes).map_err(refused(path))?;
+    let format = ::image::guess_format(&bytes).map_err(|error| unreadable(path, &bytes, error))?;
     if format == ImageFormat::Jpeg && !jpeg::is_complete(&bytes) {
         let problem = "expected an end-of-image marker, found the end of the file; the JPEG is truncated";
         return Err(IoError::malformed(path, Place::Byte(bytes.len() as u64), problem));
     }
-    let decoded = decode_bytes(&bytes, format, longer_side).map_err(refused(path))?;
+    let decoded =
+        decode_bytes(&bytes, format, longer_side).map_err(|error| unreadable(path, &bytes, error))?;
     require_pixels(path, decoded.stored)?;
     Ok(decoded)
 }
@@ -278,6 +283,49 @@ fn read_limited(path: &Path) -> Result<Vec<u8>, IoError> {
         return Err(IoError::unsupported(path, Place::Whole, problem));
     }
     fs::read(path).map_err(IoError::system("read", path))
+}
+
+/// The error of a file that cannot be decoded: what it is, if that is known, and what to do.
+fn unreadable(path: &Path, bytes: &[u8], source: ::image::ImageError) -> IoError {
+    let is_unsupported = matches!(source, ::image::ImageError::Unsupported(_));
+    let found = match foreign_format(bytes) {
+        Some(format) => format,
+        None if is_unsupported && (bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*")) => {
+            "a TIFF of other values than 8 or 16 bits of grey or of red, green and blue (floating point, more bands), or a raw photograph"
+        }
+        None => return refused(path)(source),
+    };
+    let problem = format!(
+        "expected JPEG, PNG, TIFF, BMP or WebP, found {found}: convert the photographs, as with `magick mogrify -format jpg *`; their \
+         names may keep the old extensions in the scene"
+    );
+    IoError::unsupported(path, Place::Whole, problem)
+}
+
+/// The name of a format of photographs that is not read.
+fn foreign_format(bytes: &[u8]) -> Option<&'static str> {
+    let brand = bytes.get(4..8).filter(|kind| *kind == b"ftyp").and_then(|_| bytes.get(8..12));
+    match brand {
+        Some(b"heic" | b"heix" | b"heim" | b"heis" | b"hevc" | b"hevx" | b"mif1" | b"msf1") => Some("HEIC"),
+        Some(b"avif" | b"avis") => Some("AVIF"),
+        Some(b"crx ") => Some("a raw photograph (CR3)"),
+        Some(_) => Some("a video"),
+        None if bytes.starts_with(b"\xff\x0a") || bytes.starts_with(b"\0\0\0\x0cJXL ") => Some("JPEG XL"),
+        None if bytes.starts_with(b"\0\0\0\x0cjP  ") => Some("JPEG 2000"),
+        None if bytes.starts_with(b"FUJIFILMCCD-RAW") => Some("a raw photograph (RAF)"),
+        None if bytes.get(8..10) == Some(b"CR") => Some("a raw photograph (CR2)"),
+        None if bytes.starts_with(b"GIF8") => Some("GIF"),
+        None if bytes.starts_with(b"v/1\x01") => Some("OpenEXR"),
+        None => None,
+    }
+}
+
+/// The first bytes of a file.
+fn beginning(path: &Path) -> Result<Vec<u8>, IoError> {
+    let mut bytes = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(64).read_to_end(&mut bytes));
+    read.map_err(IoError::system("read", path))?;
+    Ok(bytes)
 }
 
 fn refused(path: &Path) -> impl FnOnce(::image::ImageError) -> IoError {

@@ -1,8 +1,11 @@
-//! Names of photographs that are nearly those of files: other case, another or no extension, invisible characters.
+//! Names of photographs that are nearly those of files: other case, another or no extension, invisible characters, other
+//! Unicode normal form (macOS writes é as two characters).
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
+
+use unicode_normalization::UnicodeNormalization;
 
 use crate::folder::EXTENSIONS;
 
@@ -18,9 +21,10 @@ pub(crate) fn near<'a>(found: &'a BTreeSet<String>, name: &str) -> Option<&'a st
     one(&|key| key == wanted).or_else(|| one(&|key| last(key) == last(&wanted)))
 }
 
-/// What nearly equal names have in common: lower case, `/` between folders, no invisible characters, no extension of an image.
+/// What nearly equal names have in common: lower case, `/` between folders, composed and no invisible characters, no extension of
+/// an image.
 fn key(name: &str) -> String {
-    let visible: String = name.chars().filter(|&c| !is_invisible(c)).collect();
+    let visible: String = name.nfc().filter(|&c| !is_invisible(c)).collect();
     let plain = visible.trim().replace('\\', "/").to_lowercase();
     match plain.rsplit_once('.') {
         Some((stem, extension)) if EXTENSIONS.contains(&extension) => stem.to_owned(),
@@ -79,6 +83,7 @@ mod tests {
         assert_eq!(near(&found, "\u{feff}a\\img_1"), Some("a/IMG_1.JPG"));
         assert_eq!(near(&found, "elsewhere/Img_1.png"), Some("a/IMG_1.JPG"));
         assert_eq!(near(&found, "a/img_2.webp"), None);
+        assert_eq!(near(&found, "b/e\u{301}.JPG"), Some("b/é.jpg"), "decomposed, as macOS writes it");
         assert_eq!(near(&found, "b/X.tiff"), Some("b/x.tif"));
         assert_eq!(near(&found, "x.tif"), None);
         assert_eq!(near(&found, "a/img_3.jpg"), None);

@@ -13,6 +13,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde_json::{Map, Value};
 use vamvs_core::{Camera, Intrinsics, Lens, Pose, Size, View};
 
+use crate::colmap::panorama;
 use crate::locate::{Located, locate, sorted_by_name};
 use crate::masks::Masks;
 use crate::sizes::sizes;
@@ -109,8 +110,17 @@ impl Fields<'_> {
 
 fn read_object(path: &Path) -> Result<Map<String, Value>, IoError> {
     let text = std::fs::read(path).map_err(IoError::system("open", path))?;
-    serde_json::from_slice(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&text))
-        .map_err(|error| IoError::malformed(path, Place::Line(error.line()), error))
+    let value: Value = serde_json::from_slice(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&text))
+        .map_err(|error| IoError::malformed(path, Place::Line(error.line()), error))?;
+    match value {
+        Value::Object(fields) => Ok(fields),
+        Value::Array(list) if list.iter().any(|item| item.get("transform").is_some()) => {
+            let problem = "expected the transforms.json of a data set, found a list of poses as `ns-export cameras` writes it: it has no focal \
+                           lengths, and its poses are in the units of the training; take the transforms.json that the training read";
+            Err(IoError::unsupported(path, Place::Whole, problem))
+        }
+        _ => Err(IoError::malformed(path, Place::Whole, "expected an object with frames")),
+    }
 }
 
 fn frames<'a>(path: &'a Path, shared: &'a Map<String, Value>) -> Result<Vec<Fields<'a>>, IoError> {
@@ -127,7 +137,8 @@ fn frames<'a>(path: &'a Path, shared: &'a Map<String, Value>) -> Result<Vec<Fiel
 
 /// A view, and the scale of its pose's matrix, by which that was divided.
 fn view(frame: &Fields, name: &str, size: Size) -> Result<(View, f64), IoError> {
-    let camera = Camera { size, intrinsics: intrinsics(frame, size)?, lens: lens(frame)? };
+    let lens = lens(frame)?;
+    let camera = Camera { size, intrinsics: intrinsics(frame, size)?, lens };
     let (cam_from_world, scale) = pose(frame)?;
     Ok((View { id: 0, name: name.to_owned(), camera, cam_from_world, depth_range: None }, scale))
 }
@@ -175,6 +186,14 @@ fn intrinsics(frame: &Fields, size: Size) -> Result<Intrinsics, IoError> {
 fn lens(frame: &Fields) -> Result<Lens, IoError> {
     let is_fisheye = frame.get("is_fisheye").and_then(Value::as_bool).unwrap_or(false);
     let model = frame.text("camera_model")?.unwrap_or(if is_fisheye { "OPENCV_FISHEYE" } else { "OPENCV" });
+    if let Some(key) = ["ftheta_p0", "ftheta_p1"].into_iter().find(|key| frame.get(key).is_some()) {
+        return Err(frame.unsupported(&format!(
+            "{key}: expected a perspective camera with k1 k2 k3 p1 p2, or OPENCV_FISHEYE with k1 to k4, found an f-theta lens; undistort the images"
+        )));
+    }
+    if model == "EQUIRECTANGULAR" {
+        return Err(frame.unsupported(&format!("camera_model: {}", panorama(model))));
+    }
     let number = |key| frame.number_or_zero(key);
     let (k, p) =
         ([number("k1")?, number("k2")?, number("k3")?, number("k4")?], [number("p1")?, number("p2")?]);

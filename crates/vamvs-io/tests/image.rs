@@ -363,3 +363,50 @@ fn values_of_16_bits_are_stretched() {
     let (loaded, _) = image::load_for_camera(&eight, &camera(2, 1), every_pixel, stretch).unwrap();
     assert_eq!(loaded.rgb.data(), [[3; 3], [200; 3]], "8 bits stay");
 }
+
+/// A TIFF of one band of four floats.
+fn float_tiff() -> Vec<u8> {
+    let entries: [(u16, u16, u32); 10] = [
+        (256, 3, 2),  // width
+        (257, 3, 2),  // height
+        (258, 3, 32), // bits of a sample
+        (259, 3, 1),  // not compressed
+        (262, 3, 1),  // black is zero
+        (273, 4, 8 + 2 + 10 * 12 + 4),
+        (277, 3, 1),  // samples of a pixel
+        (278, 3, 2),  // rows of a strip
+        (279, 4, 16), // bytes of the strip
+        (339, 3, 3),  // floating point
+    ];
+    let mut bytes = b"II*\0\x08\0\0\0\x0a\0".to_vec();
+    for (tag, kind, value) in entries {
+        bytes.extend([tag.to_le_bytes(), kind.to_le_bytes()].as_flattened());
+        bytes.extend([1_u32.to_le_bytes(), value.to_le_bytes()].as_flattened());
+    }
+    bytes.extend([0; 4]);
+    bytes.extend([0.5_f32, 1.5, 2.5, 3.5].map(f32::to_le_bytes).as_flattened());
+    bytes
+}
+
+#[test]
+fn formats_that_are_not_read_are_named_with_what_to_do() {
+    let folder = tempdir().unwrap();
+    let heic = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic".to_vec();
+    let raw = b"II*\0\x10\0\0\0CR\x02\0\0\0\0\0".to_vec();
+    for (bytes, expected) in [
+        (heic, "found HEIC"),
+        (b"\0\0\0\x1cftypavif\0\0\0\0".to_vec(), "found AVIF"),
+        (b"\0\0\0\x18ftypmp42\0\0\0\0".to_vec(), "found a video"),
+        (b"\xff\x0a\x01\x02\x03\x04".to_vec(), "found JPEG XL"),
+        (raw, "found a raw photograph (CR2)"),
+        (float_tiff(), "a TIFF of other values than 8 or 16 bits"),
+    ] {
+        let path = save(folder.path(), "a.jpg", &bytes);
+        let error = image::load(&path).unwrap_err().to_string();
+        assert!(error.contains(expected) && error.contains("convert the photographs"), "{error}");
+    }
+    let path = save(folder.path(), "a.jpg", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic");
+    assert!(image::stored_size(&path).unwrap_err().to_string().contains("found HEIC"));
+    let path = save(folder.path(), "a.jpg", b"no photograph");
+    assert!(!image::load(&path).unwrap_err().to_string().contains("convert"));
+}

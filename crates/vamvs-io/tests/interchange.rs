@@ -191,7 +191,7 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
     let files = Files::new(&["a.png", "b.png"]);
     let good = json!({"fl_x": 10.0, "frames": [frame("a.png", 0), frame("b.png", 1)]});
     read_transforms(&files, &good).unwrap();
-    let changes: [(&str, Value, &str); 11] = [
+    let changes: [(&str, Value, &str); 12] = [
         ("/frames", json!([]), "expected a list of frames"),
         ("/frames/1", json!(3), "frame 1: expected an object"),
         ("/frames/1/file_path", json!(""), "frame 1 (): expected a file_path"),
@@ -201,7 +201,8 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
         ("/fl_x", json!("ten"), "fl_x: expected a number, found \"ten\""),
         ("/fl_x", json!(-1), "focal lengths"),
         ("/fl_x", Value::Null, "expected fl_x or camera_angle_x"),
-        ("/camera_model", json!("EQUIRECTANGULAR"), "found EQUIRECTANGULAR"),
+        ("/camera_model", json!("EQUIRECTANGULAR"), "found EQUIRECTANGULAR, a photograph of all directions"),
+        ("/ftheta_p0", json!(0.0), "found an f-theta lens; undistort the images"),
         ("/k4", json!(0.1), "undistort the images"),
     ];
     for (place, value, expected) in changes {
@@ -213,6 +214,14 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
         let said = error(read_transforms(&files, &transforms));
         assert!(said.contains(expected), "{place}: {said}");
     }
+    // A panorama has no focal length.
+    let mut panorama = good.clone();
+    panorama.as_object_mut().unwrap().remove("fl_x");
+    panorama["camera_model"] = json!("EQUIRECTANGULAR");
+    assert!(error(read_transforms(&files, &panorama)).contains("cut it into views of a cube"));
+    let poses = json!([{"file_path": "a.png", "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}]);
+    assert!(error(read_transforms(&files, &poses)).contains("`ns-export cameras`"));
+    assert!(error(read_transforms(&files, &json!([1]))).contains("expected an object with frames"));
     let mut degrees = good.clone();
     (degrees["fl_x"], degrees["camera_angle_x"]) = (Value::Null, json!(45));
     assert!(

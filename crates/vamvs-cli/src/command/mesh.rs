@@ -21,6 +21,7 @@ pub fn run(arguments: &MeshArguments) -> Result<()> {
     let progress = Progress::of(&arguments.common);
     let folder = (arguments.depths.as_path(), settings.export.png_step);
     let masks = settings::masks_of(&arguments.input)?;
+    super::expect_scene(&arguments.input)?;
     let maps = super::open_maps(folder, &arguments.input, masks, &mut |event| progress.show(event))?;
     super::expect_masks(arguments.input.masks.as_deref(), &maps.scene().views)?;
     let file = arguments.out.clone().unwrap_or_else(|| maps.root().join("mesh.ply"));

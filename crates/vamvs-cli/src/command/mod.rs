@@ -61,14 +61,19 @@ fn open_maps(
     show: &mut dyn FnMut(Event) -> ControlFlow<()>,
 ) -> Result<Maps> {
     let Some(scene) = settings::given_scene(input)? else {
-        if input.images.is_some() {
-            bail!(
-                "--images needs the scene that the photographs are of: give its cameras too, as with --cams or --colmap"
-            );
-        }
         return Ok(Maps::open(folder, masks, show)?);
     };
     Ok(Maps::open_with(folder, &scene.load()?, png_step, masks, show)?)
+}
+
+/// Refuses photographs, given by a flag, without the cameras of their scene.
+fn expect_scene(input: &InputFlags) -> Result<()> {
+    if input.images.is_some() && settings::given_scene(input)?.is_none() {
+        bail!(
+            "--images needs the scene that the photographs are of: give its cameras too, as with --cams or --colmap"
+        );
+    }
+    Ok(())
 }
 
 /// Refuses a folder of masks, given by a flag, that has none of any view.

@@ -79,16 +79,21 @@ fn supported(name: &str, model: Option<&'static CameraModel>) -> Result<&'static
     let is_supported =
         |model: &&CameraModel| !matches!(model.lens, LensKind::Unsupported | LensKind::Panorama);
     if model.is_some_and(|model| matches!(model.lens, LensKind::Panorama)) {
-        return Err(format!(
-            "found {name}, a photograph of all directions: expected photographs of pinhole cameras or fisheyes; cut it into views of a \
-             cube before the reconstruction (COLMAP's panorama_sfm example does)"
-        ));
+        return Err(panorama(name));
     }
     model.filter(is_supported).ok_or_else(|| {
         let names: Vec<&str> = MODELS.iter().filter(is_supported).map(|model| model.name).collect();
         let names = names.join(", ");
         format!("expected one of the camera models {names}, found {name}; undistort the images, or reconstruct with one of these")
     })
+}
+
+/// What to do with panoramas, whose camera model has this name.
+pub(crate) fn panorama(name: &str) -> String {
+    format!(
+        "found {name}, a photograph of all directions: expected photographs of pinhole cameras or fisheyes; cut it into views of a \
+         cube before the reconstruction (COLMAP's panorama_sfm example does)"
+    )
 }
 
 /// The image size of a camera, if both sides are in the accepted range.
