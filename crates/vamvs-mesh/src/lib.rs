@@ -38,13 +38,16 @@ use vamvs_core::{Grid, Pinhole, Pose, Rgb, Size};
 pub use assembly::{Assembly, BlockSurface};
 pub use mesher::Mesher;
 pub use outline::Outline;
-pub use simplify::reduce;
+pub use simplify::reduce_to_show;
 pub use volume::{Block, Volume};
 
 use volume::LARGEST_CELL;
 
 /// The smallest cells, in sizes of a pixel.
 const SMALLEST_CELL: f64 = 0.25;
+
+/// The most edges of a hole that is closed: the time grows with their third power, the memory with their second.
+const MOST_EDGES: usize = 1000;
 
 /// How a mesh is made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -76,6 +79,10 @@ impl MeshOptions {
         if !(SMALLEST_CELL..=LARGEST_CELL).contains(&self.cell) {
             let expected = "0.25 to 64 sizes of a pixel";
             return Err(MeshError::Option { name: "cell", expected, found: self.cell });
+        }
+        if self.close_holes > MOST_EDGES {
+            let expected = "at most 1000 edges";
+            return Err(MeshError::Option { name: "close-holes", expected, found: self.close_holes as f64 });
         }
         if let Some(found) = self.triangles.filter(|triangles| *triangles <= 0.0 || triangles.is_nan()) {
             let expected = "a number of triangles, or a share of them below 1";

@@ -1,15 +1,32 @@
 //! Fewer triangles: edges are collapsed where that changes the surface least (Garland and Heckbert, "Surface simplification
 //! using quadric error metrics"; the crate meshopt-rs).
 
-use meshopt_rs::simplify::simplify;
+use meshopt_rs::simplify::{simplify, simplify_sloppy};
 use vamvs_core::Mesh;
 
 /// The largest error that is allowed, as a share of the mesh's extent: the number of triangles alone decides.
 const MOST_ERROR: f32 = 1.0;
 
+/// How many times as many triangles as are wanted are left by clustering, where that goes before.
+const CLUSTERED: usize = 8;
+
+/// Reduces a mesh to about this many triangles, to look at: vertices of a large one are first clustered in cells of a grid, which
+/// is quick and takes little memory, but may join pieces.
+pub fn reduce_to_show(mesh: &mut Mesh, triangles: usize) {
+    let clustered = CLUSTERED * triangles;
+    if clustered < mesh.triangles.len() {
+        let mut reduced = vec![0; 3 * clustered];
+        let count =
+            simplify_sloppy(&mut reduced, mesh.triangles.as_flattened(), &mesh.positions, 3 * clustered);
+        mesh.triangles = reduced[..count].as_chunks().0.to_vec();
+        mesh.retain(|_| true);
+    }
+    reduce(mesh, triangles);
+}
+
 /// Reduces a mesh to this many triangles, or to the fewest that keep its topology and its borders. Of the vertices some are
 /// left, where they were.
-pub fn reduce(mesh: &mut Mesh, triangles: usize) {
+pub(crate) fn reduce(mesh: &mut Mesh, triangles: usize) {
     if triangles >= mesh.triangles.len() {
         return;
     }

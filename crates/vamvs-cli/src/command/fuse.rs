@@ -95,8 +95,7 @@ fn part(
         FusionTask::Confirm => fusion.confirm(part, &mut show)?,
         FusionTask::Merge | FusionTask::Concatenate => fusion.merge(part, &mut show)?,
     };
-    progress.finish();
-    progress.say(&format!("part {part}: {}", if did { "done" } else { "was done" }));
+    super::say_part(part, did, progress);
     Ok(())
 }
 

@@ -73,8 +73,7 @@ fn part(
         MeshTask::Outline => mesh.outline(part, &mut show)?,
         MeshTask::Surface | MeshTask::Join => mesh.surface(part, &mut show)?,
     };
-    progress.finish();
-    progress.say(&format!("part {part}: {}", if did { "done" } else { "was done" }));
+    super::say_part(part, did, progress);
     Ok(())
 }
 

@@ -22,12 +22,13 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use vamvs::core::View;
+use vamvs::core::{Part, View};
 use vamvs::io::masks::Masks;
 use vamvs::output::LeftOut;
 use vamvs::{Event, Maps};
 
 use crate::arguments::{Arguments, Command, CommonFlags, InputFlags};
+use crate::progress::Progress;
 use crate::settings;
 
 /// Runs a command.
@@ -64,6 +65,12 @@ fn open_maps(
         return Ok(Maps::open(folder, masks, show)?);
     };
     Ok(Maps::open_with(folder, &scene.load()?, png_step, masks, show)?)
+}
+
+/// Says whether a part of a step was done now or before.
+fn say_part(part: Part, did: bool, progress: &Progress) {
+    progress.finish();
+    progress.say(&format!("part {part}: {}", if did { "done" } else { "was done" }));
 }
 
 /// Refuses photographs, given by a flag, without the cameras of their scene.

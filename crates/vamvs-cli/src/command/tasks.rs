@@ -136,7 +136,7 @@ impl Graph<'_> {
     }
 
     fn depth_step(&self, step: DepthStep, part: Part) -> Task {
-        let flags = ["--step".to_owned(), step.to_string(), "--part".to_owned(), part.to_string()];
+        let flags = step_of(&step.to_string(), part);
         Task {
             outputs: vec![record_file(self.output, step, part)],
             ..self.depth_task(depth_id(step, part), self.depth_command(flags))
@@ -151,7 +151,7 @@ impl Graph<'_> {
 
     fn collect(&self) -> Task {
         let last = self.work.steps().last().copied().unwrap_or(DepthStep::Photometric);
-        let flags = ["--step".to_owned(), "collect".to_owned(), "--parts".to_owned(), self.parts.to_string()];
+        let flags = self.step_for_all("collect");
         Task {
             inputs: Part::all(self.parts).map(|part| record_file(self.output, last, part)).collect(),
             outputs: vec![self.output.pairs()],
@@ -161,7 +161,7 @@ impl Graph<'_> {
     }
 
     fn confirm(&self, part: Part) -> Task {
-        let flags = ["--step".to_owned(), "confirm".to_owned(), "--part".to_owned(), part.to_string()];
+        let flags = step_of("confirm", part);
         Task {
             inputs: vec![self.output.pairs()],
             outputs: vec![PartialFusion::confirmed_file(self.out, part)],
@@ -171,17 +171,17 @@ impl Graph<'_> {
     }
 
     fn merge(&self, part: Part) -> Task {
-        let flags = ["--step".to_owned(), "merge".to_owned(), "--part".to_owned(), part.to_string()];
+        let flags = step_of("merge", part);
         Task {
-            inputs: Part::all(self.parts).map(|part| PartialFusion::confirmed_file(self.out, part)).collect(),
+            inputs: self.files(PartialFusion::confirmed_file),
             outputs: vec![PartialFusion::merged_file(self.out, part)],
-            dependencies: Part::all(self.parts).map(|part| fusion_id("confirm", part)).collect(),
+            dependencies: self.ids("confirm"),
             ..self.task(fusion_id("merge", part), self.output_command("fuse", flags))
         }
     }
 
     fn outline(&self, part: Part) -> Task {
-        let flags = ["--step".to_owned(), "outline".to_owned(), "--part".to_owned(), part.to_string()];
+        let flags = step_of("outline", part);
         Task {
             inputs: vec![PartialFusion::confirmed_file(self.out, part)],
             outputs: vec![PartialMesh::outlines_file(self.out, part)],
@@ -191,21 +191,21 @@ impl Graph<'_> {
     }
 
     fn surface(&self, part: Part) -> Task {
-        let flags = ["--step".to_owned(), "surface".to_owned(), "--part".to_owned(), part.to_string()];
+        let flags = step_of("surface", part);
         Task {
-            inputs: Part::all(self.parts).map(|part| PartialMesh::outlines_file(self.out, part)).collect(),
+            inputs: self.files(PartialMesh::outlines_file),
             outputs: vec![PartialMesh::surfaces_file(self.out, part)],
-            dependencies: Part::all(self.parts).map(|part| fusion_id("outline", part)).collect(),
+            dependencies: self.ids("outline"),
             ..self.task(fusion_id("surface", part), self.output_command("mesh", flags))
         }
     }
 
     fn join(&self) -> Task {
-        let flags = ["--step".to_owned(), "join".to_owned(), "--parts".to_owned(), self.parts.to_string()];
+        let flags = self.step_for_all("join");
         Task {
-            inputs: Part::all(self.parts).map(|part| PartialMesh::surfaces_file(self.out, part)).collect(),
+            inputs: self.files(PartialMesh::surfaces_file),
             outputs: vec![self.mesh_file()],
-            dependencies: Part::all(self.parts).map(|part| fusion_id("surface", part)).collect(),
+            dependencies: self.ids("surface"),
             ..self.task("join".to_owned(), self.output_command("mesh", flags))
         }
     }
@@ -216,18 +216,34 @@ impl Graph<'_> {
 
     /// It removes the confirmed pixels, which the mesh needs too.
     fn concatenate(&self) -> Task {
-        let flags =
-            ["--step".to_owned(), "concatenate".to_owned(), "--parts".to_owned(), self.parts.to_string()];
+        let flags = self.step_for_all("concatenate");
         let mut argv = self.output_command("fuse", flags);
         argv.extend((!self.report).then(|| "--no-report".to_owned()));
-        let merged = Part::all(self.parts).map(|part| PartialFusion::merged_file(self.out, part));
-        let parts = Part::all(self.parts).map(|part| fusion_id("merge", part));
+        let (mut inputs, mut dependencies) = (self.files(PartialFusion::merged_file), self.ids("merge"));
+        if self.mesh {
+            inputs.push(self.mesh_file());
+            dependencies.push("join".to_owned());
+        }
         Task {
-            inputs: merged.chain(self.mesh.then(|| self.mesh_file())).collect(),
+            inputs,
             outputs: vec![self.output.cloud()],
-            dependencies: parts.chain(self.mesh.then(|| "join".to_owned())).collect(),
+            dependencies,
             ..self.task("concatenate".to_owned(), argv)
         }
+    }
+
+    /// The files that all parts of a step leave.
+    fn files(&self, of_part: impl Fn(&Path, Part) -> PathBuf) -> Vec<PathBuf> {
+        Part::all(self.parts).map(|part| of_part(self.out, part)).collect()
+    }
+
+    /// The ids of all parts of a step of fusion or meshing.
+    fn ids(&self, step: &str) -> Vec<String> {
+        Part::all(self.parts).map(|part| fusion_id(step, part)).collect()
+    }
+
+    fn step_for_all(&self, step: &str) -> [String; 4] {
+        ["--step", step, "--parts", &self.parts.to_string()].map(str::to_owned)
     }
 
     /// A task that depends on nothing.
@@ -272,6 +288,10 @@ impl Graph<'_> {
         let sources = views.iter().filter_map(plans).flat_map(|plan| plan.sources.iter().copied());
         sources.chain(views.iter().copied()).collect()
     }
+}
+
+fn step_of(step: &str, part: Part) -> [String; 4] {
+    ["--step", step, "--part", &part.to_string()].map(str::to_owned)
 }
 
 fn depth_id(step: DepthStep, part: Part) -> String {

@@ -91,6 +91,8 @@ fn what_is_no_mesh_is_not_written_and_nothing_else_is_lost() {
     assert_eq!(std::fs::read(&other).unwrap(), b"not a mesh");
     let error = error_of(&mesh(&scene, &folder, &["--cell", "0.01"]));
     assert!(error.contains("cell: expected 0.25 to 64 sizes of a pixel, found 0.01"), "{error}");
+    let error = error_of(&mesh(&scene, &folder, &["--close-holes", "1000000"]));
+    assert!(error.contains("close-holes: expected at most 1000 edges, found 1000000"), "{error}");
     let error = error_of(&mesh(&scene, &folder, &["--min-triangles", "1000000000"]));
     assert!(error.contains("no triangle is left") && error.contains("--min-triangles"), "{error}");
     let error = error_of(&vamvs().arg("mesh").arg(scene.path("images")).output().unwrap());

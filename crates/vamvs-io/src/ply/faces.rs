@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
-use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 use vamvs_core::Cloud;
 
-use super::reader::{malformed, open_vertices};
+use super::reader::{PART, malformed, open_vertices, read_parts};
 use super::vertex::{self, Vertex};
 use crate::{IoError, Place};
 
@@ -20,24 +19,31 @@ const NAME: &str = "face";
 /// As [`super::read`], or if a face names a vertex that is not there.
 pub fn read_mesh(path: &Path) -> Result<(Cloud, Vec<[u32; 3]>), IoError> {
     let (mut reader, header) = open_vertices(path)?;
-    let (mut vertices, mut triangles) = (Cloud::new(), Vec::new());
+    let count = header.elements.get(vertex::NAME).map_or(0, |vertices| vertices.count);
+    let (mut vertices, mut triangles, mut wrong) = (Cloud::with_capacity(count), Vec::new(), None);
     for element in header.elements.values() {
-        if element.name == vertex::NAME {
-            let read = Parser::<Vertex>::new().read_payload_for_element(&mut reader, element, &header);
-            vertices = read.map_err(malformed(path))?.into_iter().map(|vertex| vertex.0).collect();
+        let part = (element, &header);
+        let read = if element.name == vertex::NAME {
+            let mut visit = |read: Vec<Vertex>| vertices.extend(read.into_iter().map(|vertex| vertex.0));
+            read_parts(&mut reader, part, PART, &mut visit)
         } else {
-            let read = Parser::<Face>::new().read_payload_for_element(&mut reader, element, &header);
-            let faces = read.map_err(malformed(path))?;
             let is_face = element.name == NAME;
-            triangles.extend(faces.iter().filter(|_| is_face).flat_map(Face::triangles));
-        }
+            let number = |vertex: i64| u32::try_from(vertex).ok().filter(|number| (*number as usize) < count);
+            let mut visit = |faces: Vec<Face>| {
+                for corners in faces.iter().filter(|_| is_face).flat_map(Face::triangles) {
+                    wrong = wrong.or_else(|| corners.into_iter().find(|vertex| number(*vertex).is_none()));
+                    triangles.push(corners.map(|vertex| number(vertex).unwrap_or_default()));
+                }
+            };
+            read_parts(&mut reader, part, PART, &mut visit)
+        };
+        read.map_err(malformed(path))?;
     }
-    let count = vertices.len() as i64;
-    if let Some(wrong) = triangles.iter().flatten().find(|vertex| !(0..count).contains(*vertex)) {
+    if let Some(wrong) = wrong {
         let problem = format!("expected faces of the {count} vertices, found vertex {wrong}");
         return Err(IoError::malformed(path, Place::Whole, problem));
     }
-    Ok((vertices, triangles.into_iter().map(|triangle| triangle.map(|vertex| vertex as u32)).collect()))
+    Ok((vertices, triangles))
 }
 
 /// Whether a PLY file is a mesh: its header announces faces.

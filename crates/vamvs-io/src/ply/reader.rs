@@ -11,8 +11,8 @@ use vamvs_core::{Cloud, CloudPoint};
 use super::vertex::{self, Position, Vertex};
 use crate::{IoError, Place};
 
-/// Number of vertices that [`read_some`] holds in memory at a time.
-const PART: usize = 1 << 16;
+/// Number of elements that are in memory at a time as the parser gives them.
+pub(super) const PART: usize = 1 << 16;
 
 /// Reads the vertices of a PLY file.
 ///
@@ -183,13 +183,23 @@ fn read_payload<T: PropertyAccess>(
             Parser::<Skipped>::new().read_payload_for_element(reader, element, header)?;
             continue;
         }
-        let mut left = element.clone();
-        while left.count > 0 {
-            let next = ElementDef { count: left.count.min(part), ..element.clone() };
-            visit(Parser::<T>::new().read_payload_for_element(reader, &next, header)?);
-            left.count -= next.count;
-        }
-        return Ok(());
+        return read_parts(reader, (element, header), part, visit);
+    }
+    Ok(())
+}
+
+/// Reads all elements of a type, and passes them to `visit` in parts of at most `part`.
+pub(super) fn read_parts<T: PropertyAccess>(
+    reader: &mut Reader<BufReader<File>>,
+    (element, header): (&ElementDef, &Header),
+    part: usize,
+    visit: &mut impl FnMut(Vec<T>),
+) -> Result<(), ParseError> {
+    let mut left = element.count;
+    while left > 0 {
+        let next = ElementDef { count: left.min(part), ..element.clone() };
+        visit(Parser::<T>::new().read_payload_for_element(reader, &next, header)?);
+        left -= next.count;
     }
     Ok(())
 }

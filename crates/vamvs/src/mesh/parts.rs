@@ -113,7 +113,7 @@ impl<'a> PartialMesh<'a> {
             while let Some(surface) = frames.next()? {
                 surfaces.push(surface);
             }
-            tell(on_event, Event::Mesh { done, total: parts })?;
+            tell(on_event, Event::Mesh { done: done + 1, total: parts })?;
         }
         let mesh = mesher.finish(&volume, surfaces)?;
         let made = write(self.fusion.maps(), file, (&mesh, begin))?;

@@ -163,8 +163,9 @@ impl<'a> Report<'a> {
         }
         let (vertices, triangles) = ply::read_mesh(&file)?;
         let mut mesh = Mesh::of(&vertices, triangles);
+        drop(vertices);
         let total = mesh.triangles.len();
-        vamvs_mesh::reduce(&mut mesh, CloudView::MOST_TRIANGLES);
+        vamvs_mesh::reduce_to_show(&mut mesh, CloudView::MOST_TRIANGLES);
         Ok(view.with_mesh(&mesh, total))
     }
 
