@@ -89,6 +89,7 @@ impl Progress {
                     self.say(&format!("fusion {done}/{total}"));
                 }
             }
+            Event::Draft { done, total } => self.step("draft", done, total),
             Event::Mesh { done, total } => self.step("mesh", done, total),
             Event::Report { done, total } => self.step("report", done, total),
             Event::Export { done, total } => self.step("export", done, total),

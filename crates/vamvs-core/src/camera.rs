@@ -3,6 +3,7 @@
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::face::Face;
 use crate::roi::PixelBox;
 use crate::{Intrinsics, Lens, Size};
 
@@ -34,6 +35,25 @@ impl Camera {
     #[must_use]
     pub fn resized(&self, size: Size) -> Self {
         Self { size, intrinsics: resized_intrinsics(&self.intrinsics, self.size, size), lens: self.lens }
+    }
+
+    /// The size of the photograph's file: that of the image, unless the image is cut out of a larger one.
+    #[must_use]
+    pub fn photograph_size(&self) -> Size {
+        match self.lens {
+            Lens::Face(face) => face.of.size(),
+            _ => self.size,
+        }
+    }
+
+    /// The camera of the same photograph resized to `size`.
+    #[must_use]
+    pub fn of_photograph(&self, size: Size) -> Self {
+        let Lens::Face(face) = self.lens else { return self.resized(size) };
+        let ratio = size.width as f64 / face.of.size().width as f64;
+        let side = |side: usize| (side as f64 * ratio).round().max(1.0) as usize;
+        let lens = Lens::Face(Face { of: face.of.resized(size), ..face });
+        Self { lens, ..self.resized(Size::new(side(self.size.width), side(self.size.height))) }
     }
 
     /// Image coordinates of a point in the camera's frame, inside the image or not; `None` behind the camera and

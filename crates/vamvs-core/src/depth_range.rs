@@ -72,6 +72,8 @@ pub enum RangeOrigin {
     Points,
     /// The cameras' viewing directions and baselines.
     Geometry,
+    /// Points of a draft of the depth maps, which replace those that the scene's files do not have.
+    Draft,
 }
 
 impl std::fmt::Display for RangeOrigin {
@@ -80,6 +82,7 @@ impl std::fmt::Display for RangeOrigin {
             Self::File => "the scene's files",
             Self::Points => "sparse points",
             Self::Geometry => "camera geometry",
+            Self::Draft => "a draft",
         })
     }
 }

@@ -9,6 +9,8 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use crate::face::Face;
+
 /// A lens, which distorts normalised image coordinates (x/z, y/z).
 ///
 /// The distorting variants cover COLMAP's SIMPLE_RADIAL, RADIAL, OPENCV and FULL_OPENCV (all special cases of [`Lens::Rational`]),
@@ -43,6 +45,8 @@ pub enum Lens {
         /// β, greater than 0.
         beta: f64,
     },
+    /// No distortion: the view is cut out of a photograph of more directions than a pinhole camera takes.
+    Face(Face),
 }
 
 /// Largest residual of [`Lens::undistort`]: the distance between the given point and the result distorted again, in
@@ -53,13 +57,13 @@ const RESIDUAL: f64 = 1e-10;
 const STEPS: usize = 100;
 
 impl Lens {
-    /// Whether the lens distorts at all. A fisheye always does.
+    /// Whether the photograph must be resampled: whether the lens distorts at all. A fisheye always does.
     #[must_use]
     pub fn distorts(&self) -> bool {
         match self {
             Self::None => false,
             Self::Rational { k, p } => k.iter().chain(p).any(|&v| v != 0.0),
-            Self::Fisheye { .. } => true,
+            Self::Fisheye { .. } | Self::Face(_) => true,
             Self::Division { k } => *k != 0.0,
             Self::Eucm { alpha, .. } => *alpha != 0.0,
         }
@@ -75,15 +79,7 @@ impl Lens {
     /// found by bisection. To distort many points, call this once and then [`Lens::distort_within`].
     #[must_use]
     pub fn max_squared_radius(&self, limit: f64) -> f64 {
-        if self.is_one_to_one_within(limit) {
-            return limit;
-        }
-        let (mut valid, mut folded) = (0.0, limit);
-        for _ in 0..STEPS {
-            let middle = 0.5 * (valid + folded);
-            *(if self.is_one_to_one_within(middle) { &mut valid } else { &mut folded }) = middle;
-        }
-        valid
+        last(limit, |squared| self.is_one_to_one_within(squared))
     }
 
     /// [`Lens::distort`] with the squared radius `valid` up to which the model is known to be one-to-one; `None`
@@ -147,7 +143,7 @@ impl Lens {
     /// Whether the radial part is one-to-one up to the squared radius `s`.
     fn is_one_to_one_within(&self, s: f64) -> bool {
         match self {
-            Self::None => true,
+            Self::None | Self::Face(_) => true,
             Self::Rational { k, .. } => {
                 let (numerator, denominator) = rational(k);
                 is_positive_up_to(&denominator, s)
@@ -166,7 +162,7 @@ impl Lens {
     /// [`Lens::distort_with_jacobian`] for a point at which the radial part is known to be one-to-one.
     fn distort_inside(&self, x: &Vector2<f64>) -> Option<Distorted> {
         match self {
-            Self::None => Some((*x, Matrix2::identity())),
+            Self::None | Self::Face(_) => Some((*x, Matrix2::identity())),
             Self::Rational { k, p } => distort_rational(k, p, x),
             Self::Fisheye { k } => distort_fisheye(k, x),
             Self::Division { k } => {
@@ -193,6 +189,29 @@ fn rational(k: &[f64; 6]) -> ([f64; 4], [f64; 4]) {
 /// The derivative of the distorted angle with respect to the angle, as a polynomial in θ².
 fn angle_slope(k: &[f64; 4]) -> [f64; 5] {
     [1.0, 3.0 * k[0], 5.0 * k[1], 7.0 * k[2], 9.0 * k[3]]
+}
+
+/// The distorted angle of a fisheye at an angle from its axis, radians.
+pub(crate) fn fisheye_angle(k: &[f64; 4], theta: f64) -> f64 {
+    theta * value_and_derivative(&[1.0, k[0], k[1], k[2], k[3]], theta * theta).0
+}
+
+/// The largest angle from the axis, at most `most`, radians, up to which the distorted angle of a fisheye grows.
+pub(crate) fn fisheye_limit(k: &[f64; 4], most: f64) -> f64 {
+    last(most, |theta| is_positive_up_to(&angle_slope(k), theta * theta))
+}
+
+/// The largest value from 0 to `limit` up to which something holds that does not hold again beyond, by bisection.
+pub(crate) fn last(limit: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    if holds(limit) {
+        return limit;
+    }
+    let (mut within, mut beyond) = (0.0, limit);
+    for _ in 0..STEPS {
+        let middle = 0.5 * (within + beyond);
+        *(if holds(middle) { &mut within } else { &mut beyond }) = middle;
+    }
+    within
 }
 
 fn distort_rational(k: &[f64; 6], &[p1, p2]: &[f64; 2], x: &Vector2<f64>) -> Option<Distorted> {

@@ -15,7 +15,8 @@ const FARTHEST: f64 = 1e12;
 pub struct View {
     /// The view's number in the scene's files (COLMAP image id, MVSNet view number).
     pub id: u32,
-    /// The image file's path relative to the image folder, with `/` between folders.
+    /// The image file's path relative to the image folder, with `/` between folders; of a face, with the face's name in it (see
+    /// [`View::file`]).
     pub name: String,
     /// The camera as calibrated, lens distortion included.
     pub camera: Camera,

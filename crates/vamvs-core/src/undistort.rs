@@ -3,14 +3,14 @@
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-use crate::{Camera, Grid, Intrinsics, Pinhole, Rgb, Size};
+use crate::{Camera, Grid, Intrinsics, Lens, Pinhole, Rgb, Size};
 
 /// The pinhole camera of an undistorted photograph, and the resampling that makes the undistorted image.
 ///
 /// The undistorted image has the photograph's size, and the pinhole the ratio fx : fy of the photograph's camera. The
 /// field of view keeps most of the photograph and leaves few pixels empty: each of the photograph's four borders is
 /// undistorted, the medians of their positions bound a rectangle of at most 120° in width and height, and the view is
-/// the largest one inside that rectangle, about its centre.
+/// the largest one inside that rectangle, about its centre. A face ([`crate::face`]) has its own pinhole.
 #[derive(Clone, Debug)]
 pub struct Undistortion {
     camera: Camera,
@@ -30,7 +30,11 @@ impl Undistortion {
     /// Chooses the pinhole camera. Without distortion the intrinsics stay as they are.
     #[must_use]
     pub fn new(camera: &Camera) -> Self {
-        let intrinsics = if camera.lens.distorts() { chosen_intrinsics(camera) } else { camera.intrinsics };
+        let intrinsics = match camera.lens {
+            Lens::None | Lens::Face(_) => camera.intrinsics,
+            lens if !lens.distorts() => camera.intrinsics,
+            _ => chosen_intrinsics(camera),
+        };
         let pinhole = Pinhole { size: camera.size, intrinsics };
         Self {
             camera: *camera,
@@ -43,7 +47,7 @@ impl Undistortion {
     /// of view stay as they are.
     #[must_use]
     pub fn resized(&self, from: Size, to: Size) -> Self {
-        Self { camera: self.camera.resized(from), pinhole: self.pinhole.resized(to), valid: self.valid }
+        Self { camera: self.camera.of_photograph(from), pinhole: self.pinhole.resized(to), valid: self.valid }
     }
 
     /// Whether undistortion changes the photograph, at the same size: whether the lens distorts.
@@ -61,17 +65,18 @@ impl Undistortion {
     /// The undistorted photograph, bilinearly sampled; black where the photograph shows nothing.
     ///
     /// # Panics
-    /// If the image does not have the camera's size (see [`Camera::resized`]).
+    /// If the image does not have the size of the camera's photograph (see [`Camera::of_photograph`]).
     #[must_use]
     pub fn image(&self, image: &Grid<Rgb>) -> Grid<Rgb> {
-        self.resample(image, [0; 3], bilinear)
+        let wraps = matches!(self.camera.lens, Lens::Face(face) if face.of.wraps());
+        self.resample(image, [0; 3], |image, pixel| bilinear(image, pixel, wraps))
     }
 
     /// The undistorted mask. Pixels that lie outside of the photograph are `false`. `None` if there is neither a mask
     /// nor a distortion.
     ///
     /// # Panics
-    /// If the lens distorts and the mask does not have the camera's size.
+    /// If the lens distorts and the mask does not have the size of the camera's photograph.
     #[must_use]
     pub fn mask(&self, mask: Option<&Grid<bool>>) -> Option<Grid<bool>> {
         match mask {
@@ -84,8 +89,11 @@ impl Undistortion {
 
     /// The image coordinates in the photograph of a point of the undistorted image; `None` outside of the photograph.
     fn photograph_from_pinhole(&self, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
-        let distorted =
-            self.camera.lens.distort_within(&self.pinhole.intrinsics.ray(pixel).xy(), self.valid)?;
+        let ray = self.pinhole.intrinsics.ray(pixel);
+        if let Lens::Face(face) = self.camera.lens {
+            return face.of.project(&face.side.face_from_camera().tr_mul(&ray));
+        }
+        let distorted = self.camera.lens.distort_within(&ray.xy(), self.valid)?;
         let source = self.camera.intrinsics.project(&distorted.push(1.0));
         let Size { width, height } = self.camera.size;
         let inside = |v: f64, count: usize| v >= 0.0 && v <= count as f64;
@@ -98,7 +106,8 @@ impl Undistortion {
         fill: T,
         sample: impl Fn(&Grid<T>, &Vector2<f64>) -> T + Sync,
     ) -> Grid<T> {
-        assert_eq!(source.size(), self.camera.size, "the image must have the size of its camera");
+        let expected = self.camera.photograph_size();
+        assert_eq!(source.size(), expected, "the image must have the size of its camera's photograph");
         if !self.camera.lens.distorts() && source.size() == self.pinhole.size {
             return source.clone();
         }
@@ -131,9 +140,10 @@ fn largest_squared_radius(pinhole: &Pinhole) -> f64 {
 }
 
 /// The colour at image coordinates inside the image, bilinear between the four nearest pixel centres. Outside of the
-/// outermost centres, the border pixels are repeated.
-fn bilinear(image: &Grid<Rgb>, pixel: &Vector2<f64>) -> Rgb {
-    let (x0, x1, u) = neighbours(pixel.x, image.width());
+/// outermost centres, the border pixels are repeated, or, if the image wraps, those of the other border follow.
+fn bilinear(image: &Grid<Rgb>, pixel: &Vector2<f64>, wraps: bool) -> Rgb {
+    let (x0, x1, u) =
+        if wraps { neighbours_around(pixel.x, image.width()) } else { neighbours(pixel.x, image.width()) };
     let (y0, y1, v) = neighbours(pixel.y, image.height());
     let (top, bottom) = (image.row(y0), image.row(y1));
     std::array::from_fn(|c| {
@@ -147,6 +157,13 @@ fn neighbours(coordinate: f64, count: usize) -> (usize, usize, f32) {
     let from_first_centre = (coordinate - 0.5).clamp(0.0, (count - 1) as f64);
     let before = from_first_centre as usize;
     (before, (before + 1).min(count - 1), (from_first_centre - before as f64) as f32)
+}
+
+/// [`neighbours`] where the last pixel is followed by the first one.
+fn neighbours_around(coordinate: f64, count: usize) -> (usize, usize, f32) {
+    let from_first_centre = (coordinate - 0.5).rem_euclid(count as f64);
+    let before = (from_first_centre as usize).min(count - 1);
+    (before, (before + 1) % count, (from_first_centre - before as f64) as f32)
 }
 
 /// The value of the pixel that contains image coordinates.
@@ -191,7 +208,7 @@ fn median_coordinate(camera: &Camera, axis: usize, border: impl Iterator<Item = 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Lens;
+    use crate::face::{Rows, Side, Surroundings};
 
     const SIZE: Size = Size::new(320, 240);
     const K: Intrinsics = Intrinsics { fx: 260.0, fy: 250.0, cx: 155.0, cy: 126.0 };
@@ -279,7 +296,7 @@ mod tests {
     #[test]
     fn sampling_is_exact_at_centres_and_halfway_between() {
         let image = Grid::from_fn(Size::new(4, 3), |x, y| [(40 * x + 10 * y) as u8; 3]);
-        let at = |x, y| bilinear(&image, &Vector2::new(x, y))[0];
+        let at = |x, y| bilinear(&image, &Vector2::new(x, y), false)[0];
         assert_eq!((at(2.5, 1.5), at(3.0, 1.5), at(2.5, 2.0)), (90, 110, 95));
         assert_eq!((at(0.0, 0.0), at(0.3, 0.5), at(4.0, 3.0)), (0, 0, 140));
     }
@@ -313,6 +330,49 @@ mod tests {
                 let pixel = Vector2::new(x as f64 + 0.5, y as f64 + 0.5);
                 let expected = undistortion.photograph_from_pinhole(&pixel).is_some_and(|p| p.x < 100.0);
                 assert_eq!(mask[(x, y)], expected);
+            }
+        }
+    }
+
+    /// What a face shows is what a pinhole camera that looks there would.
+    #[test]
+    fn faces_of_a_panorama_are_photographs_of_pinholes() {
+        // Smooth waves of any direction, so that a shift of a pixel changes a colour by up to 8 levels.
+        let world = |d: &nalgebra::Vector3<f64>| {
+            let d = d.normalize();
+            [d.x, d.y, d.z].map(|v| (127.0 + 100.0 * (12.0 * v + d.x - d.y).sin()).round() as u8)
+        };
+        let size = Size::new(800, 400);
+        for rows in [Rows::Latitude, Rows::SineOfLatitude] {
+            let panorama = Grid::from_fn(size, |x, y| {
+                let longitude = ((x as f64 + 0.5) / 800.0 - 0.5) * std::f64::consts::TAU;
+                let down = (y as f64 + 0.5) / 400.0 - 0.5;
+                let latitude = match rows {
+                    Rows::Latitude => down * std::f64::consts::PI,
+                    Rows::SineOfLatitude => (2.0 * down).asin(),
+                };
+                let (level, depth) = (latitude.cos(), longitude.cos());
+                world(&nalgebra::Vector3::new(level * longitude.sin(), latitude.sin(), level * depth))
+            });
+            for side in Side::ALL {
+                let undistortion = Undistortion::new(&Surroundings::Panorama { size, rows }.face(side));
+                let pinhole = undistortion.pinhole();
+                let found = undistortion.image(&panorama);
+                assert_eq!((found.size(), found.width()), (pinhole.size, 306));
+                let expected = Grid::from_fn(pinhole.size, |x, y| {
+                    let ray = pinhole.intrinsics.ray(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5));
+                    world(&side.face_from_camera().tr_mul(&ray))
+                });
+                let pairs = found.data().as_flattened().iter().zip(expected.data().as_flattened());
+                let (sum, most) = pairs.fold((0, 0), |(sum, most), (a, b)| {
+                    let off = u32::from(a.abs_diff(*b));
+                    (sum + off, most.max(off))
+                });
+                let mean = f64::from(sum) / (3 * found.size().area()) as f64;
+                // Rows of even steps of the sine are far apart at the poles.
+                let is_fine = most <= 3 || rows == Rows::SineOfLatitude;
+                assert!(mean < 0.5 && is_fine, "{side:?} of {rows:?}: mean {mean}, most {most}");
+                assert!(undistortion.mask(None).is_none_or(|mask| !mask.data().contains(&false)));
             }
         }
     }

@@ -96,8 +96,8 @@ pub fn load_for_camera(
     stretch: Option<Stretch>,
 ) -> Result<(LoadedImage, Camera), IoError> {
     let Decoded { mut image, stored, orientation } = decode_at_least(path, longer_side)?;
-    let Some(size) = fitting_size(stored, orientation, camera.size) else {
-        let (path, expected) = (path.to_owned(), camera.size);
+    let Some(size) = fitting_size(stored, orientation, camera.photograph_size()) else {
+        let (path, expected) = (path.to_owned(), camera.photograph_size());
         return Err(IoError::SizeMismatch { path, image: stored, of: "camera", expected });
     };
     let rotate = size != stored;
@@ -105,8 +105,9 @@ pub fn load_for_camera(
         image.apply_orientation(orientation);
     }
     let mut loaded = convert(image, rotate, stretch);
-    loaded.note = (size != camera.size).then(|| resized_note(path, size, camera.size));
-    Ok((loaded, camera.resized(size)))
+    let stated = camera.photograph_size();
+    loaded.note = (size != stated).then(|| resized_note(path, size, stated));
+    Ok((loaded, camera.of_photograph(size)))
 }
 
 /// The stored or the upright size of an image (upright by its EXIF orientation): the one that equals the

@@ -2,7 +2,7 @@
 //!
 //! Camera fields are global or per frame; those of the frame take precedence. They are `fl_x fl_y cx cy w h`
 //! or `camera_angle_x`, and the distortion: `k1 k2 k3 p1 p2` of a perspective camera or `k1 … k4` of a
-//! fisheye. A missing size is read from the image file. `transform_matrix` is world from camera, with the
+//! fisheye; a photograph of all directions has none. A missing size is read from the image file. `transform_matrix` is world from camera, with the
 //! camera in OpenGL's axes (x right, y up, z backwards).
 
 use std::collections::BTreeMap;
@@ -11,15 +11,15 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix3, Vector3};
 use serde_json::{Map, Value};
+use vamvs_core::face::{Rows, Side, Surroundings, of_wide_fisheye};
 use vamvs_core::{Camera, Intrinsics, Lens, Pose, Size, View};
 
-use crate::colmap::panorama;
 use crate::locate::{Located, locate, sorted_by_name};
 use crate::masks::Masks;
 use crate::sizes::sizes;
 use crate::text::BYTE_ORDER_MARK;
 use crate::trackless::give_points;
-use crate::{IoError, Loaded, Place, ply};
+use crate::{IoError, Loaded, Place, faces, ply};
 
 /// Longest accepted side of an image, in pixels.
 const LONGEST_SIDE: f64 = (1 << 20) as f64;
@@ -47,7 +47,7 @@ pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, Io
     let (views, scales): (Vec<View>, Vec<f64>) = views.collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
     warnings.extend(warn_of_scales(&path, &scales));
     let masks = masks(&path, &frames, &names)?;
-    let mut scene = sorted_by_name(views, Vec::new());
+    let mut scene = faces::cut(sorted_by_name(views, Vec::new()));
     if let Some(file) = sparse_file(&path, &shared) {
         let file_name = file.display();
         warnings.push(if file.is_file() {
@@ -137,8 +137,13 @@ fn frames<'a>(path: &'a Path, shared: &'a Map<String, Value>) -> Result<Vec<Fiel
 
 /// A view, and the scale of its pose's matrix, by which that was divided.
 fn view(frame: &Fields, name: &str, size: Size) -> Result<(View, f64), IoError> {
-    let lens = lens(frame)?;
-    let camera = Camera { size, intrinsics: intrinsics(frame, size)?, lens };
+    let camera = match panorama(frame)? {
+        Some(rows) => Surroundings::Panorama { size, rows }.face(Side::Front),
+        None => {
+            let lens = lens(frame)?;
+            of_wide_fisheye(Camera { size, intrinsics: intrinsics(frame, size)?, lens })
+        }
+    };
     let (cam_from_world, scale) = pose(frame)?;
     Ok((View { id: 0, name: name.to_owned(), camera, cam_from_world, depth_range: None }, scale))
 }
@@ -191,9 +196,6 @@ fn lens(frame: &Fields) -> Result<Lens, IoError> {
             "{key}: expected a perspective camera with k1 k2 k3 p1 p2, or OPENCV_FISHEYE with k1 to k4, found an f-theta lens; undistort the images"
         )));
     }
-    if model == "EQUIRECTANGULAR" {
-        return Err(frame.unsupported(&format!("camera_model: {}", panorama(model))));
-    }
     let number = |key| frame.number_or_zero(key);
     let (k, p) =
         ([number("k1")?, number("k2")?, number("k3")?, number("k4")?], [number("p1")?, number("p2")?]);
@@ -209,6 +211,16 @@ fn lens(frame: &Fields) -> Result<Lens, IoError> {
         }
     };
     Ok(if lens.distorts() { lens } else { Lens::None })
+}
+
+/// What the rows of a photograph of all directions are; `None` for other photographs. nerfstudio's EQUIRECTANGULAR is called latlong by
+/// instant-ngp, whose `equirectangular` is the projection of equal area.
+fn panorama(frame: &Fields) -> Result<Option<Rows>, IoError> {
+    let is = |key: &str| frame.get(key).and_then(Value::as_bool).unwrap_or(false);
+    if frame.text("camera_model")? == Some("EQUIRECTANGULAR") || is("latlong") {
+        return Ok(Some(Rows::Latitude));
+    }
+    Ok(is("equirectangular").then_some(Rows::SineOfLatitude))
 }
 
 /// The pose, camera from world, and the uniform scale that its rotation had, 1 if none. OpenGL's camera looks along −z with y

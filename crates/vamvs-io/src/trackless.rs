@@ -3,9 +3,7 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
-use vamvs_core::{Scene, SparsePoint};
-
-use crate::occlusion;
+use vamvs_core::{Scene, SparsePoint, occlusion};
 
 /// Limit of the points that are kept; they may be those of a laser scan.
 const MOST_POINTS: usize = 20_000;

@@ -191,7 +191,7 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
     let files = Files::new(&["a.png", "b.png"]);
     let good = json!({"fl_x": 10.0, "frames": [frame("a.png", 0), frame("b.png", 1)]});
     read_transforms(&files, &good).unwrap();
-    let changes: [(&str, Value, &str); 12] = [
+    let changes: [(&str, Value, &str); 11] = [
         ("/frames", json!([]), "expected a list of frames"),
         ("/frames/1", json!(3), "frame 1: expected an object"),
         ("/frames/1/file_path", json!(""), "frame 1 (): expected a file_path"),
@@ -201,7 +201,6 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
         ("/fl_x", json!("ten"), "fl_x: expected a number, found \"ten\""),
         ("/fl_x", json!(-1), "focal lengths"),
         ("/fl_x", Value::Null, "expected fl_x or camera_angle_x"),
-        ("/camera_model", json!("EQUIRECTANGULAR"), "found EQUIRECTANGULAR, a photograph of all directions"),
         ("/ftheta_p0", json!(0.0), "found an f-theta lens; undistort the images"),
         ("/k4", json!(0.1), "undistort the images"),
     ];
@@ -214,11 +213,6 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
         let said = error(read_transforms(&files, &transforms));
         assert!(said.contains(expected), "{place}: {said}");
     }
-    // A panorama has no focal length.
-    let mut panorama = good.clone();
-    panorama.as_object_mut().unwrap().remove("fl_x");
-    panorama["camera_model"] = json!("EQUIRECTANGULAR");
-    assert!(error(read_transforms(&files, &panorama)).contains("cut it into views of a cube"));
     let poses = json!([{"file_path": "a.png", "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}]);
     assert!(error(read_transforms(&files, &poses)).contains("`ns-export cameras`"));
     assert!(error(read_transforms(&files, &json!([1]))).contains("expected an object with frames"));
@@ -235,6 +229,36 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
     assert!(error(read_transforms(&files, &sized)).contains("w and h"));
     let broken = files.save("transforms.json", "{\n\"frames\": [,]}");
     assert!(error(nerfstudio::read_scene(&broken, None)).contains("transforms.json line 2"));
+}
+
+/// Photographs of all directions, which have no focal length, become faces with one centre; so does a fisheye of 200°.
+#[test]
+fn photographs_of_more_than_a_hemisphere_become_several_views() {
+    let files = Files::new(&["a.png", "b.png"]);
+    let frames = json!([frame("a.png", 0), frame("b.png", 1)]);
+    let focal = 4.0 / 100.0_f64.to_radians();
+    let wide = json!({"camera_model": "OPENCV_FISHEYE", "fl_x": focal, "w": 8, "h": 8, "frames": frames});
+    let cases = [
+        (json!({"camera_model": "EQUIRECTANGULAR", "frames": frames}), 12),
+        (json!({"latlong": true, "frames": frames}), 12),
+        (json!({"equirectangular": true, "frames": frames}), 12),
+        (wide, 10),
+    ];
+    let whole = json!({"fl_x": 10.0, "frames": frames});
+    let whole = read_transforms(&files, &whole).unwrap().scene;
+    for (transforms, expected) in cases {
+        let scene = read_transforms(&files, &transforms).unwrap().scene;
+        assert_eq!(scene.views.len(), expected, "{transforms}");
+        for (number, view) in scene.views.iter().enumerate() {
+            let photograph = &whole.views[number / (expected / 2)];
+            assert_eq!((view.id as usize, view.file()), (number, photograph.name.clone()));
+            let moved = view.cam_from_world.centre() - photograph.cam_from_world.centre();
+            assert!(moved.norm() < 1e-12, "{}", view.name);
+        }
+        let [front, right] = [0, 1].map(|face| &scene.views[face]);
+        assert_eq!((front.name.as_str(), right.name.as_str()), ("a@front.png", "a@right.png"));
+        assert_eq!(front.cam_from_world, whole.views[0].cam_from_world);
+    }
 }
 
 /// A bundle of three cameras, of which the second was not registered.

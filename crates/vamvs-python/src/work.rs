@@ -183,6 +183,7 @@ fn as_dict(py: Python<'_>, event: Event) -> PyResult<Bound<'_, PyDict>> {
             dict.set_item("seconds", time.as_secs_f64())?;
         }
         Event::Fusion { done, total } => counted("fusion", done, total)?,
+        Event::Draft { done, total } => counted("draft", done, total)?,
         Event::Mesh { done, total } => counted("mesh", done, total)?,
         Event::Report { done, total } => counted("report", done, total)?,
         Event::Export { done, total } => counted("export", done, total)?,

@@ -1,5 +1,6 @@
 //! Depth maps of all views: kept in an output folder ([`estimate`]), or handed over one by one ([`DepthMaps`]).
 
+pub(crate) mod draft;
 mod in_memory;
 mod less_memory;
 mod maker;

@@ -37,6 +37,13 @@ pub enum Event {
         /// Time that it took.
         time: Duration,
     },
+    /// A view's draft is made, from which the depth ranges of captures without sparse points follow.
+    Draft {
+        /// How many are done.
+        done: usize,
+        /// How many there will be.
+        total: usize,
+    },
     /// Fusion has processed a view: first each view is filtered, then each is merged.
     Fusion {
         /// How many view passes are done.

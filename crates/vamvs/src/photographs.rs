@@ -110,7 +110,7 @@ impl Photographs {
         }
         let (most, values) = STRETCHED_BY;
         let step = views.len().div_ceil(most).max(1);
-        let paths = views.iter().step_by(step).map(|view| images.join(&view.name));
+        let paths = views.iter().step_by(step).map(|view| images.join(view.file()));
         // What cannot be read is told when it is wanted.
         let sampled = |path: PathBuf| image::values_of_16_bits(&path, values).ok().flatten();
         let mut values: Vec<u16> = paths.filter_map(sampled).flatten().collect();
@@ -208,7 +208,7 @@ impl Photographs {
     pub(crate) fn hash(&self, view: &View, hasher: &mut blake3::Hasher) {
         match &self.origin {
             Origin::Files { images, masks } => {
-                let files = [Some(images.join(&view.name)), masks.find(&view.name)];
+                let files = [Some(images.join(view.file())), masks.find(&view.file())];
                 files.iter().flatten().for_each(|file| hash_file(file, hasher));
             }
             Origin::Program(source) => match source.picture(view) {
@@ -227,7 +227,7 @@ impl Photographs {
 
     /// Whether there may be a photograph of the view: false only for a file that is not there.
     pub(crate) fn may_have(&self, view: &View) -> bool {
-        self.folder().is_none_or(|images| images.join(&view.name).is_file())
+        self.folder().is_none_or(|images| images.join(view.file()).is_file())
     }
 
     /// The paths, sizes and times of last change of a view's photograph and mask; `None` if they are not files or cannot be
@@ -245,8 +245,8 @@ impl Photographs {
                 changed.as_nanos()
             ))
         };
-        let photograph = stamp(images.join(&view.name))?;
-        Some(match masks.find(&view.name) {
+        let photograph = stamp(images.join(view.file()))?;
+        Some(match masks.find(&view.file()) {
             Some(mask) => format!("{photograph}; mask: {}", stamp(mask)?),
             None => photograph,
         })
@@ -266,13 +266,17 @@ impl Photographs {
     /// If a file cannot be read or its size contradicts the camera's.
     pub fn load(&self, view: &View) -> Result<(Photo, Option<String>), VamvsError> {
         // An undistorted photograph is sampled at twice the size first.
-        let samples = if view.camera.lens.distorts() { 2 } else { 1 };
-        let needed = |size: Size| samples * self.working_size(size).longer_side();
+        let samples = if view.camera.lens.distorts() { 2.0 } else { 1.0 };
+        let needed = |photograph: Size| {
+            let size = view.camera.of_photograph(photograph).size;
+            let reduced = self.working_size(size).longer_side() as f64 / size.longer_side() as f64;
+            (samples * reduced * photograph.longer_side() as f64).ceil() as usize
+        };
         let Taken { picture: Picture { image, mask }, camera, note } =
             self.origin.taken(view, needed, self.stretch)?;
         let undistortion = Undistortion::new(&camera);
         let size = self.working_size(camera.size);
-        let mask = undistortion.resized(camera.size, size).mask(mask.as_ref());
+        let mask = undistortion.resized(camera.photograph_size(), size).mask(mask.as_ref());
         let image = undistorted(&undistortion, image, size);
         let foreground = (self.brightness != [0, 255]).then(|| foreground(&image, self.brightness));
         let photo = Photo {
@@ -310,18 +314,19 @@ impl Origin {
         match self {
             Self::Files { images, masks } => {
                 let (loaded, camera) =
-                    image::load_for_camera(&images.join(&view.name), &view.camera, longer_side, stretch)?;
-                let mask = masks.find(&view.name).map(|path| masks::load(&path, camera.size)).transpose()?;
+                    image::load_for_camera(&images.join(view.file()), &view.camera, longer_side, stretch)?;
+                let mask = masks
+                    .find(&view.file())
+                    .map(|path| masks::load(&path, camera.photograph_size()))
+                    .transpose()?;
                 let picture = Picture { image: loaded.rgb, mask: both(mask, loaded.alpha_mask) };
                 Ok(Taken { picture, camera, note: loaded.note })
             }
             Self::Program(source) => {
                 let picture = source.picture(view).map_err(VamvsError::Photo)?;
-                expect_size("image", picture.image.size(), view.camera.size)?;
-                picture
-                    .mask
-                    .iter()
-                    .try_for_each(|mask| expect_size("mask", mask.size(), view.camera.size))?;
+                let expected = view.camera.photograph_size();
+                expect_size("image", picture.image.size(), expected)?;
+                picture.mask.iter().try_for_each(|mask| expect_size("mask", mask.size(), expected))?;
                 Ok(Taken { picture, camera: view.camera, note: None })
             }
         }
@@ -368,11 +373,17 @@ fn undistorted(undistortion: &Undistortion, image: Grid<Rgb>, size: Size) -> Gri
     if !undistortion.changes() {
         return resized(image, size);
     }
-    let twice = Size::new(2 * size.width, 2 * size.height);
-    let is_large = twice.width < image.width() && twice.height < image.height();
-    let between = if is_large { twice } else { image.size() };
-    let reduced = resized(image, between);
-    resized(undistortion.resized(between, between).image(&reduced), size)
+    let (whole, photograph) = (undistortion.pinhole().size, image.size());
+    let reduced = |side: usize| (side as f64 * (2 * size.width) as f64 / whole.width as f64).round() as usize;
+    let is_large = 2 * size.width < whole.width && 2 * size.height < whole.height;
+    let (from, to) = match is_large {
+        true => (
+            Size::new(reduced(photograph.width), reduced(photograph.height)),
+            Size::new(2 * size.width, 2 * size.height),
+        ),
+        false => (photograph, whole),
+    };
+    resized(undistortion.resized(from, to).image(&resized(image, from)), size)
 }
 
 fn resized(image: Grid<Rgb>, size: Size) -> Grid<Rgb> {

@@ -8,6 +8,7 @@ use vamvs_core::depth_range::RangeOrigin;
 use vamvs_io::Loaded;
 use vamvs_io::masks::Masks;
 
+use crate::depth::draft::{self, Drafted};
 use crate::depth::{DepthJob, DepthSummary};
 use crate::event::{OnEvent, tell};
 use crate::photographs::Origin;
@@ -126,25 +127,29 @@ impl Reconstruction {
         Self { force, ..self }
     }
 
-    /// Loads the network and decides what will be done for each view, so that depth maps fit into the memory.
+    /// Loads the network and decides what will be done for each view, so that depth maps fit into the memory. Where nothing tells the
+    /// depth range of a view but the cameras, a draft of depth maps is made for it.
     ///
     /// # Errors
     /// If the module is invalid, the device does not exist, an option is invalid, no view has
     /// another one that sees the same surfaces, or `on_event` breaks.
     pub fn prepare(self, on_event: &mut OnEvent<'_>) -> Result<Prepared, VamvsError> {
         self.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
-        let mut method = Method::new(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
+        let method = Method::new(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
         let photographs = Photographs::of(self.origin, &self.depth);
         let (photographs, note) = photographs.stretched(&self.scene.views, &self.depth);
         note.map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
+        let Drafted { scene, mut method, guessed } =
+            draft::draft(self.scene, &photographs, method, &self.depth, on_event)?;
         let one_size = self.depth.fovea || !self.depth.refine;
         let photographs = photographs.enlarged_for_network(if one_size { 1.0 } else { method.enlarges_by() });
         let memory = method.memory(self.depth.max_memory);
         let fitted = (&mut method, memory);
-        let (photographs, plan) =
-            fit::fit_to_memory(&self.scene, &photographs, &self.depth, fitted, on_event)?;
+        let (photographs, mut plan) =
+            fit::fit_to_memory(&scene, &photographs, &self.depth, fitted, on_event)?;
+        draft::mark(&guessed, &mut plan);
         warning_of_guesses(&plan).map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
-        Ok(Prepared { scene: self.scene, photographs, plan, method, options: self.depth })
+        Ok(Prepared { scene, photographs, plan, method, options: self.depth })
     }
 
     /// Makes the depth maps of all views and fuses them into `fused.ply`, both in the folder `out`. A run that was

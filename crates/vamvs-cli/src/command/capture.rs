@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use serde_json::{Map, Value, json};
+use vamvs::core::Lens;
 use vamvs::core::depth_range::RangeOrigin;
 use vamvs::io::{Loaded, colmap, mvsnet};
 use vamvs::{DepthOptions, Input, Photographs, Plan, ViewPlan};
@@ -89,9 +90,12 @@ fn scene(kind: &str, loaded: &Loaded) -> Map<String, Value> {
     let views = &loaded.scene.views;
     let mut lenses: BTreeMap<&str, usize> = BTreeMap::new();
     for view in views {
-        *lenses
-            .entry(if view.camera.lens == vamvs::core::Lens::None { "pinhole" } else { "distorted" })
-            .or_default() += 1;
+        let kind = match view.camera.lens {
+            Lens::None => "pinhole",
+            Lens::Face(_) => "face of a wider photograph",
+            _ => "distorted",
+        };
+        *lenses.entry(kind).or_default() += 1;
     }
     object(json!({
         "kind": kind,

@@ -113,7 +113,7 @@ fn say_work(work: &Prepared, progress: &Progress) {
 /// Prints which masks are used, with a warning if some views have none.
 fn say_masks(masks: &Masks, scene: &Scene, progress: &Progress) {
     let views = scene.views.len();
-    let masked = scene.views.iter().filter(|view| masks.find(&view.name).is_some()).count();
+    let masked = scene.views.iter().filter(|view| masks.find(&view.file()).is_some()).count();
     let place = match masks {
         Masks::None => return,
         Masks::Folder(folder) => format!("in {}", folder.display()),

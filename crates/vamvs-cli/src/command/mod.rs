@@ -89,7 +89,7 @@ fn expect_masks(folder: Option<&Path>, views: &[View]) -> Result<()> {
         return Ok(());
     };
     let masks = Masks::Folder(folder.to_owned());
-    if views.iter().any(|view| masks.find(&view.name).is_some()) {
+    if views.iter().any(|view| masks.find(&view.file()).is_some()) {
         return Ok(());
     }
     let mut there: Vec<String> = std::fs::read_dir(folder)
@@ -104,8 +104,9 @@ fn expect_masks(folder: Option<&Path>, views: &[View]) -> Result<()> {
         1..=3 => there.join(", "),
         _ => format!("{}, …", there[..3].join(", ")),
     };
-    let stem = Path::new(&first.name).with_extension("");
-    let (name, stem) = (&first.name, stem.display());
+    let name = first.file();
+    let stem = Path::new(&name).with_extension("");
+    let stem = stem.display();
     bail!(
         "--masks {}: none of the {} views has a mask there: expected for {name} one of {name}.png, {stem}.png, {stem}_mask.png and {stem}.mask.png, found {found}",
         folder.display(),

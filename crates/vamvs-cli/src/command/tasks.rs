@@ -116,11 +116,13 @@ impl Graph<'_> {
 
     fn photometric(&self, part: Part, own: &BTreeSet<usize>) -> Task {
         let photograph = |view: &usize| {
-            self.work.photographs.folder().map(|folder| folder.join(&self.work.scene.views[*view].name))
+            self.work.photographs.folder().map(|folder| folder.join(self.work.scene.views[*view].file()))
         };
         let sources = self.with_sources(own);
         // The views of photographs that are missing will be left out.
-        let inputs = sources.iter().filter_map(photograph).filter(|path| path.is_file()).collect();
+        let mut inputs: Vec<_> =
+            sources.iter().filter_map(photograph).filter(|path| path.is_file()).collect();
+        inputs.dedup();
         Task { inputs, ..self.depth_step(DepthStep::Photometric, part) }
     }
 

@@ -16,6 +16,7 @@ mod fuse;
 mod info;
 mod mesh;
 mod outside;
+mod panorama;
 mod pseudo;
 mod refine;
 mod report;

@@ -1,5 +1,6 @@
 //! Converts COLMAP's camera models to [`Camera`] and back.
 
+use vamvs_core::face::{Rows, Side, Surroundings};
 use vamvs_core::{Camera, Intrinsics, Lens, Size};
 
 /// A camera model of COLMAP. Its parameters are one or two focal lengths, the principal point, and the lens's.
@@ -24,7 +25,7 @@ enum LensKind {
     Division,
     /// α β.
     Eucm,
-    /// A photograph of all directions, which no pinhole camera takes.
+    /// A photograph of all directions; the parameters are its width and height.
     Panorama,
     /// A distortion that [`Lens`] cannot express.
     Unsupported,
@@ -76,24 +77,12 @@ pub(super) fn by_id(id: i32) -> Result<&'static CameraModel, String> {
 }
 
 fn supported(name: &str, model: Option<&'static CameraModel>) -> Result<&'static CameraModel, String> {
-    let is_supported =
-        |model: &&CameraModel| !matches!(model.lens, LensKind::Unsupported | LensKind::Panorama);
-    if model.is_some_and(|model| matches!(model.lens, LensKind::Panorama)) {
-        return Err(panorama(name));
-    }
+    let is_supported = |model: &&CameraModel| !matches!(model.lens, LensKind::Unsupported);
     model.filter(is_supported).ok_or_else(|| {
         let names: Vec<&str> = MODELS.iter().filter(is_supported).map(|model| model.name).collect();
         let names = names.join(", ");
         format!("expected one of the camera models {names}, found {name}; undistort the images, or reconstruct with one of these")
     })
-}
-
-/// What to do with panoramas, whose camera model has this name.
-pub(crate) fn panorama(name: &str) -> String {
-    format!(
-        "found {name}, a photograph of all directions: expected photographs of pinhole cameras or fisheyes; cut it into views of a \
-         cube before the reconstruction (COLMAP's panorama_sfm example does)"
-    )
 }
 
 /// The image size of a camera, if both sides are in the accepted range.
@@ -106,10 +95,14 @@ pub(super) fn size(width: u64, height: u64) -> Result<Size, String> {
     }
 }
 
-/// The camera with these parameters of `model`; there must be `model.parameters` of them.
+/// The camera with these parameters of `model`; there must be `model.parameters` of them. That of a panorama is that of its front
+/// face.
 pub(super) fn camera(model: &CameraModel, size: Size, parameters: &[f64]) -> Result<Camera, String> {
     if !parameters.iter().all(|value| value.is_finite()) {
         return Err(format!("expected finite parameters, found {parameters:?}"));
+    }
+    if matches!(model.lens, LensKind::Panorama) {
+        return Ok(Surroundings::Panorama { size, rows: Rows::Latitude }.face(Side::Front));
     }
     let (focal_lengths, rest) = parameters.split_at(model.focal_lengths);
     let (fx, fy) = (focal_lengths[0], focal_lengths[model.focal_lengths - 1]);
@@ -132,7 +125,9 @@ fn lens(kind: &LensKind, given: &[f64]) -> Lens {
         LensKind::Fisheye => Lens::Fisheye { k: [value(0), value(1), value(2), value(3)] },
         LensKind::Division => Lens::Division { k: value(0) },
         LensKind::Eucm => Lens::Eucm { alpha: value(0), beta: value(1) },
-        LensKind::Unsupported | LensKind::Panorama => unreachable!("`supported` refuses these models"),
+        LensKind::Unsupported | LensKind::Panorama => {
+            unreachable!("panoramas have no lens, and `supported` refuses the others")
+        }
     };
     if lens.distorts() { lens } else { Lens::None }
 }
@@ -142,7 +137,7 @@ fn lens(kind: &LensKind, given: &[f64]) -> Lens {
 pub(super) fn parameters(camera: &Camera) -> (&'static CameraModel, Vec<f64>) {
     let Intrinsics { fx, fy, cx, cy } = camera.intrinsics;
     let (id, lens) = match camera.lens {
-        Lens::None => (1, vec![]),
+        Lens::None | Lens::Face(_) => (1, vec![]),
         Lens::Rational { k: [k1, k2, 0.0, 0.0, 0.0, 0.0], p: [p1, p2] } => (4, vec![k1, k2, p1, p2]),
         Lens::Rational { k, p } => (6, vec![k[0], k[1], p[0], p[1], k[2], k[3], k[4], k[5]]),
         Lens::Fisheye { k } => (5, k.to_vec()),
@@ -235,6 +230,14 @@ mod tests {
     }
 
     #[test]
+    fn a_panorama_is_its_front_face() {
+        let camera = read("EQUIRECTANGULAR", &[640.0, 480.0]);
+        assert_eq!(camera.photograph_size(), SIZE);
+        assert!(matches!(camera.lens, Lens::Face(face) if face.side == Side::Front));
+        assert_eq!(parameters(&camera).0.name, "PINHOLE");
+    }
+
+    #[test]
     fn distortion_of_zero_is_none_but_a_fisheye_always_bends() {
         assert_eq!(read("SIMPLE_RADIAL", &[500.0, 320.0, 240.0, 0.0]).lens, Lens::None);
         let fisheye = read("SIMPLE_RADIAL_FISHEYE", &[500.0, 320.0, 240.0, 0.0]);
@@ -252,7 +255,6 @@ mod tests {
             let message = camera(eucm, SIZE, &[500.0, 500.0, 320.0, 240.0, alpha, beta]).unwrap_err();
             assert!(message.contains("α from 0 to 1"), "{message}");
         }
-        assert!(by_id(17).err().unwrap().contains("all directions"));
         for refused in [by_name("FOV"), by_id(7), by_id(-1), by_name("pinhole")] {
             let message = refused.err().unwrap();
             assert!(message.contains("undistort") && message.contains("FULL_OPENCV"), "{message}");

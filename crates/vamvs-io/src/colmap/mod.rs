@@ -14,7 +14,6 @@ mod seen_by;
 mod text;
 pub mod workspace;
 
-pub(crate) use camera::panorama;
 pub use model::{Image, Model, Observation, Point};
 pub use scene::read_scene;
 pub use seen_by::SeenByWriter;

@@ -3,17 +3,18 @@
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;
 
+use vamvs_core::face::of_wide_fisheye;
 use vamvs_core::{Camera, Scene, SparsePoint, View};
 
 use super::model::{Image, Model, Point};
 use super::workspace;
 use crate::masks::Masks;
 use crate::trackless::give_points;
-use crate::{IoError, Loaded, Place, folder, names};
+use crate::{IoError, Loaded, Place, faces, folder, names};
 
 /// Reads the model in the folder `model`, as [`Model::read`] does, with the photographs in the folder `images`, or else in
 /// `images` in the folder of the model or up to two above, as in `images` and `sparse/0`. Views are sorted by name and keep
-/// COLMAP's image ids.
+/// COLMAP's image ids, unless a photograph becomes several views ([`View::faces`]).
 ///
 /// # Errors
 /// If the model cannot be read (see [`Model::read`]) or has no images, or half of the photographs are missing; views of fewer
@@ -37,14 +38,15 @@ pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError
         true => points.iter().map(|point| point.x_in_world).collect(),
         false => Vec::new(),
     };
-    let (points, dangling) = sparse_points(&registered, &points);
+    let index_of = registered.iter().enumerate().map(|(index, image)| (image.id, index)).collect();
+    let (points, dangling) = sparse_points(&index_of, &points);
     if dangling > 0 {
         warnings
             .push(format!("{dangling} observations of points are in images that the model does not have"));
     }
     let view = |image: Image| view(cameras[&image.camera_id], image);
     let views = registered.into_iter().map(view).collect();
-    let mut scene = Scene { views, points, pairs: None };
+    let mut scene = faces::cut(Scene { views, points, pairs: None });
     if !trackless.is_empty() {
         warnings.push(give_points(&mut scene, &trackless, model));
     }
@@ -67,13 +69,13 @@ fn rename_nearly_named(folder: &Path, found: &BTreeSet<String>, registered: &mut
 }
 
 fn view(camera: Camera, image: Image) -> View {
+    let camera = of_wide_fisheye(camera);
     View { id: image.id, name: image.name, camera, cam_from_world: image.cam_from_world, depth_range: None }
 }
 
-/// The points, each with the indices of the images that saw it (each image once), and the number of
+/// The points, each with the indices, by image id, of the images that saw it (each image once), and the number of
 /// observations in images that do not exist. Points that no image saw are left out.
-fn sparse_points(images: &[Image], points: &[Point]) -> (Vec<SparsePoint>, usize) {
-    let index_of: HashMap<u32, usize> = images.iter().enumerate().map(|(i, image)| (image.id, i)).collect();
+fn sparse_points(index_of: &HashMap<u32, usize>, points: &[Point]) -> (Vec<SparsePoint>, usize) {
     let mut dangling = 0;
     let mut sparse = Vec::with_capacity(points.len());
     for point in points {

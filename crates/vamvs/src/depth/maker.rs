@@ -208,6 +208,18 @@ impl<'a> Maker<'a> {
         Ok(Made { maps, visibility, plan: self.usable(plan), network_size })
     }
 
+    /// A view's depth map by the method alone, the finest, in the planned range.
+    pub fn draft(
+        &mut self,
+        view: usize,
+        plan: &ViewPlan,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<DepthMap, VamvsError> {
+        self.features.keep_only(&[&[view], &plan.sources[..]].concat());
+        let maps = self.find(view, plan, on_event)?.maps;
+        Ok(maps.into_iter().next_back().expect("a method makes at least one depth map"))
+    }
+
     /// A view's depth maps by the method alone. Where depths crowd at an end of a range that was estimated, they are made again with a
     /// wider one, once.
     fn find_in_range(
@@ -226,7 +238,8 @@ impl<'a> Maker<'a> {
                 .map_or([None; 2], |map| crowded_ends(map, planes))
         };
         let ends = crowded(&found, &plan.planes);
-        let is_estimated = matches!(plan.origin, Some(RangeOrigin::Points | RangeOrigin::Geometry));
+        let is_estimated =
+            matches!(plan.origin, Some(RangeOrigin::Points | RangeOrigin::Geometry | RangeOrigin::Draft));
         if !is_estimated || plan.foveated || ends == [None; 2] {
             warn_of_ends(name, ends, plan.planes.range)
                 .map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;

@@ -5,7 +5,8 @@
 //! are points on the occluding surface.
 
 use nalgebra::Vector3;
-use vamvs_core::{Grid, Size, SparsePoint, View};
+
+use crate::{Grid, Size, SparsePoint, View};
 
 /// Number of cells along the longer side of an image.
 const CELLS: f64 = 64.0;
@@ -16,8 +17,9 @@ const BEFORE: f64 = 0.9;
 /// A point in a view: the cell (x, y) that it lies in, and its depth z in scene units.
 type Seen = ((usize, usize), f64);
 
-/// The points, each with the views that see it.
-pub(crate) fn points_with_views(points: Vec<Vector3<f64>>, views: &[View]) -> Vec<SparsePoint> {
+/// The points, each with the indices of the views that see it; some may be seen by none.
+#[must_use]
+pub fn points_with_views(points: Vec<Vector3<f64>>, views: &[View]) -> Vec<SparsePoint> {
     let unseen = |x_in_world| SparsePoint { x_in_world, views: Vec::new() };
     let mut points: Vec<SparsePoint> = points.into_iter().map(unseen).collect();
     for (number, view) in views.iter().enumerate() {
@@ -65,7 +67,7 @@ fn nearest_around(nearest: &Grid<f64>) -> Grid<f64> {
 
 #[cfg(test)]
 mod tests {
-    use vamvs_core::{Intrinsics, Pinhole, Pose};
+    use crate::{Intrinsics, Pinhole, Pose};
 
     use super::*;
 
