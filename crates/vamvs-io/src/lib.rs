@@ -6,6 +6,7 @@
 //! clouds are handed on as `vamvs_core` types, in the conventions of this project.
 
 pub mod atomic;
+mod broken;
 pub mod bundler;
 mod bytes;
 pub mod colmap;

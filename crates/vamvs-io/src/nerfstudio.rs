@@ -19,7 +19,7 @@ use crate::masks::Masks;
 use crate::sizes::sizes;
 use crate::text::BYTE_ORDER_MARK;
 use crate::trackless::give_points;
-use crate::{IoError, Loaded, Place, faces, ply};
+use crate::{IoError, Loaded, Place, broken, faces, ply};
 
 /// Longest accepted side of an image, in pixels.
 const LONGEST_SIDE: f64 = (1 << 20) as f64;
@@ -32,8 +32,9 @@ const LONGEST_SIDE: f64 = (1 << 20) as f64;
 /// A pose with a uniform scale is normalised, with a warning.
 ///
 /// # Errors
-/// If the file cannot be read, a field is missing or of the wrong type, a camera model is not supported,
-/// a pose is not a rigid transform, half of the photographs are missing, or a mask is missing.
+/// If the file cannot be read, the cameras of half of the frames cannot be used (a field is missing or of the wrong type, a camera model is not
+/// supported, a pose is not a rigid transform; views of fewer are left out, with a warning), half of the photographs are missing, or a
+/// mask is missing.
 pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let path = if transforms.is_dir() { transforms.join("transforms.json") } else { transforms.to_owned() };
     let shared = read_object(&path)?;
@@ -44,7 +45,9 @@ pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, Io
     let sizes = sizes(&folder, &names.iter().map(String::as_str).collect::<Vec<_>>(), &stated)?;
     let views =
         frames.iter().zip(names.iter().zip(sizes)).map(|(frame, (name, size))| view(frame, name, size));
-    let (views, scales): (Vec<View>, Vec<f64>) = views.collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
+    let (views, broken) = broken::leave_out(views.collect())?;
+    let (views, scales): (Vec<View>, Vec<f64>) = views.into_iter().flatten().unzip();
+    warnings.extend(broken);
     warnings.extend(warn_of_scales(&path, &scales));
     let masks = masks(&path, &frames, &names)?;
     let mut scene = faces::cut(sorted_by_name(views, Vec::new()));

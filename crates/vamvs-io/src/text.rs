@@ -202,7 +202,16 @@ impl WordReader {
 }
 
 fn parse<T: FromStr>(word: &str, what: &str) -> Result<T, String> {
-    let kind = if T::from_str("0.5").is_ok() { "a number" } else { "a whole number" };
+    let is_float = T::from_str("0.5").is_ok();
+    let kind = if is_float { "a number" } else { "a whole number" };
+    // No number, as programs built by Microsoft's compilers write it.
+    let word = if is_float
+        && ["nan(ind)", "nan(snan)", "1.#IND", "1.#QNAN"].contains(&word.trim_start_matches('-'))
+    {
+        "nan"
+    } else {
+        word
+    };
     word.parse().map_err(|_| format!("{what}: expected {kind}, found {:?}", shortened(word)))
 }
 

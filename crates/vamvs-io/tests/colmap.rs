@@ -66,6 +66,7 @@ fn model() -> impl Strategy<Value = Model> {
             cameras: BTreeMap::from([(7, a), (4_000_000_000, b)]),
             images: images.into_iter().enumerate().map(image).collect(),
             points,
+            warnings: Vec::new(),
         }
     })
 }
@@ -95,6 +96,7 @@ fn small_model() -> Model {
         cameras: BTreeMap::from([(2, camera)]),
         images: vec![image(9, "b ü.png", 0.0), image(3, "a.png", 1.0)],
         points: vec![point(5, &[(9, 0), (3, 0), (9, 1)]), point(6, &[]), point(7, &[(3, 1), (44, 0)])],
+        warnings: Vec::new(),
     }
 }
 
@@ -286,6 +288,35 @@ fn binary_values_are_checked_like_those_of_text_files() {
     model.images[0].cam_from_world.translation.x = 0.0;
     model.write_binary(folder.path()).unwrap();
     assert!(message(folder.path()).contains("points3D.bin byte 8: point 5"));
+}
+
+/// One broken pose of three, as Microsoft's compilers print it, and as binary files hold it.
+#[test]
+fn an_image_without_a_pose_is_left_out_with_a_warning() {
+    let mut model = small_model();
+    let third = Image { id: 4, name: "c.png".to_owned(), ..model.images[1].clone() };
+    model.images.push(third);
+    let expected = |folder: &Path| {
+        let read = Model::read(folder).unwrap();
+        let names: Vec<&str> = read.images.iter().map(|image| image.name.as_str()).collect();
+        assert_eq!(names, ["a.png", "c.png"]);
+        assert_eq!(read.images[0].observations.len(), 1);
+        let said = read.warnings.join("; ");
+        assert!(
+            said.contains("1 of the scene's 3 cameras cannot be used") && said.contains("b ü.png"),
+            "{said}"
+        );
+    };
+    let text = tempdir().unwrap();
+    model.write_text(text.path()).unwrap();
+    let images = text.path().join("images.txt");
+    let written = fs::read_to_string(&images).unwrap();
+    save(&images, written.replace("9 1 0 0 0 0 0 0", "9 1 0 0 0 -nan(ind) 0 0").as_bytes());
+    expected(text.path());
+    let binary = tempdir().unwrap();
+    model.images[0].cam_from_world.translation.x = f64::NAN;
+    model.write_binary(binary.path()).unwrap();
+    expected(binary.path());
 }
 
 #[test]

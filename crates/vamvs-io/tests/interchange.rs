@@ -231,6 +231,22 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
     assert!(error(nerfstudio::read_scene(&broken, None)).contains("transforms.json line 2"));
 }
 
+#[test]
+fn one_frame_of_three_without_a_pose_is_left_out_with_a_warning() {
+    let files = Files::new(&["a.png", "b.png", "c.png"]);
+    let mut broken = frame("b.png", 1);
+    broken["transform_matrix"][0][3] = Value::Null;
+    let frames = json!([frame("a.png", 0), broken, frame("c.png", 2)]);
+    let loaded = read_transforms(&files, &json!({"fl_x": 10.0, "frames": frames})).unwrap();
+    let names: Vec<&str> = loaded.scene.views.iter().map(|view| view.name.as_str()).collect();
+    assert_eq!(names, ["a.png", "c.png"]);
+    let said = loaded.warnings.join("; ");
+    assert!(
+        said.contains("1 of the scene's 3 cameras cannot be used") && said.contains("frame 1 (b.png)"),
+        "{said}"
+    );
+}
+
 /// Photographs of all directions, which have no focal length, become faces with one centre; so does a fisheye of 200°.
 #[test]
 fn photographs_of_more_than_a_hemisphere_become_several_views() {

@@ -106,6 +106,27 @@ fn what_is_no_camera_is_refused_with_its_line() {
     }
 }
 
+/// Numbers of views stay those of all camera files, so that pairs keep their meaning.
+#[test]
+fn one_broken_camera_of_three_is_left_out_with_a_warning() {
+    let folder = folder(&["a", "b", "c"], &["a.png", "b.png", "c.png"]);
+    let broken = HEAD.replacen("1 0 0 1.5", "1 0 0 -nan(ind)", 1);
+    save(&folder.path().join("cams/b_cam.txt"), &format!("{broken}425 2.5"));
+    save(&folder.path().join("pair.txt"), "3\n0\n2 2 9 1 5\n1\n1 0 5\n2\n1 0 9\n");
+    let loaded = read(&folder).unwrap();
+    let views: Vec<(u32, &str)> =
+        loaded.scene.views.iter().map(|view| (view.id, view.name.as_str())).collect();
+    assert_eq!(views, [(0, "a.png"), (2, "c.png")]);
+    let sources: Vec<Vec<usize>> =
+        loaded.scene.pairs.unwrap().iter().map(|of| of.iter().map(|source| source.view).collect()).collect();
+    assert_eq!(sources, [[1], [0]]);
+    let said = loaded.warnings.join("; ");
+    assert!(
+        said.contains("1 of the scene's 3 cameras cannot be used") && said.contains("b_cam.txt line 5"),
+        "{said}"
+    );
+}
+
 #[test]
 fn integer_pixel_centres_move_the_principal_point_by_half_a_pixel() {
     let folder = tempdir().unwrap();

@@ -10,7 +10,7 @@ use vamvs_core::Camera;
 use super::camera;
 use super::model::{self, Image, Keypoints, Model, Observation, Point};
 use crate::bytes::ByteReader;
-use crate::{IoError, atomic};
+use crate::{IoError, atomic, broken};
 
 /// The point id of a keypoint without a triangulated point.
 const NO_POINT: u64 = u64::MAX;
@@ -34,9 +34,13 @@ const TRACK_BYTES: u64 = 2 * 4;
 pub(super) fn read(folder: &Path, keypoints: Keypoints) -> Result<Model, IoError> {
     let points = folder.join("points3D.bin");
     let image = |file: &mut ByteReader| read_image(file, keypoints);
+    let cameras = read_cameras(&folder.join("cameras.bin"))?;
+    let images = read_list(&folder.join("images.bin"), IMAGE_BYTES, "images", image)?;
+    let (images, warning) = broken::leave_out(images)?;
     Ok(Model {
-        cameras: read_cameras(&folder.join("cameras.bin"))?,
-        images: read_list(&folder.join("images.bin"), IMAGE_BYTES, "images", image)?,
+        cameras,
+        images: images.into_iter().flatten().collect(),
+        warnings: warning.into_iter().collect(),
         points: if points.is_file() {
             read_list(&points, POINT_BYTES, "points", read_point)?
         } else {
@@ -98,14 +102,15 @@ fn read_camera(file: &mut ByteReader) -> Result<(u32, Camera), IoError> {
     camera.map(|camera| (id, camera)).map_err(|problem| file.malformed(position, about(problem)))
 }
 
-fn read_image(file: &mut ByteReader, keypoints: Keypoints) -> Result<Image, IoError> {
+/// An image; what is wrong with its pose is apart from other errors.
+fn read_image(file: &mut ByteReader, keypoints: Keypoints) -> Result<Result<Image, IoError>, IoError> {
     let position = file.position();
     let id = file.u32("image id")?;
     let (quaternion, translation) = (file.f64s("rotation")?, file.f64s("translation")?);
     let camera_id = file.u32("camera id")?;
     let name = file.name("image name")?;
     let cam_from_world = model::pose(quaternion, translation)
-        .map_err(|problem| file.malformed(position, format!("image {id} ({name:?}): {problem}")))?;
+        .map_err(|problem| file.malformed(position, format!("image {id} ({name:?}): {problem}")));
     let count = file.count(OBSERVATION_BYTES, "keypoints")?;
     let observations = match keypoints {
         Keypoints::Read => (0..count).map(|_| read_observation(file)).collect::<Result<_, _>>()?,
@@ -114,7 +119,7 @@ fn read_image(file: &mut ByteReader, keypoints: Keypoints) -> Result<Image, IoEr
             Vec::new()
         }
     };
-    Ok(Image { id, name, camera_id, cam_from_world, observations })
+    Ok(cam_from_world.map(|cam_from_world| Image { id, name, camera_id, cam_from_world, observations }))
 }
 
 fn read_observation(file: &mut ByteReader) -> Result<Observation, IoError> {

@@ -10,10 +10,11 @@ impl Model {
     /// Reads the model in `folder`: the binary files if there is a `cameras.bin`, else the text files. `folder` may also be
     /// a workspace with one model, in `sparse` or in a numbered folder such as `sparse/0`.
     ///
-    /// Quaternions are normalised. A model without a `points3D` file has no points.
+    /// Quaternions are normalised. A model without a `points3D` file has no points. Images whose pose is none are left out, with a
+    /// warning.
     ///
     /// # Errors
-    /// If there is no model or more than one, a file cannot be read or is malformed, a camera's model is not supported, a pose or a camera is
+    /// If there is no model or more than one, a file cannot be read or is malformed, a camera's model is not supported, a camera or half of the poses are
     /// invalid, an image's camera does not exist, an image's id or name occurs twice, or a name leads out of the
     /// image folder.
     pub fn read(folder: &Path) -> Result<Self, IoError> {

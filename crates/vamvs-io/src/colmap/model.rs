@@ -18,6 +18,8 @@ pub struct Model {
     pub images: Vec<Image>,
     /// The triangulated points.
     pub points: Vec<Point>,
+    /// What was wrong with images that were left out when the model was read.
+    pub warnings: Vec<String>,
 }
 
 /// Whether the images' keypoints are kept when a model is read.
@@ -88,7 +90,7 @@ impl Model {
             }
             points.push(Point { id, x_in_world: point.x_in_world, rgb: [0; 3], error: 0.0, track });
         }
-        Self { cameras, images, points }
+        Self { cameras, images, points, warnings: Vec::new() }
     }
 
     /// Checks the consistency of cameras and images, which are in different files. `folder` is for the message.

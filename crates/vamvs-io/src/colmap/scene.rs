@@ -22,15 +22,15 @@ use crate::{IoError, Loaded, Place, faces, folder, names};
 pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let model = &workspace::model(model)?;
     let images = &images.map_or_else(|| workspace::images(model), |images| Ok(images.to_owned()))?;
-    let Model { cameras, images: mut registered, points } = Model::read_without_keypoints(model)?;
+    let Model { cameras, images: mut registered, points, mut warnings } =
+        Model::read_without_keypoints(model)?;
     if registered.is_empty() {
         let problem = "expected registered images, found none";
         return Err(IoError::malformed(model, Place::Whole, problem));
     }
     registered.sort_by(|a, b| a.name.cmp(&b.name));
     let found = folder::images(images)?;
-    let mut warnings: Vec<String> =
-        rename_nearly_named(images, &found, &mut registered).into_iter().collect();
+    warnings.extend(rename_nearly_named(images, &found, &mut registered));
     let names: Vec<&str> = registered.iter().map(|image| image.name.as_str()).collect();
     warnings.extend(folder::warn_of_missing(images, &names)?);
     warnings.extend(folder::warn_of_unused(&found, names.iter().copied()));

@@ -11,15 +11,18 @@ use vamvs_core::Camera;
 use super::camera;
 use super::model::{self, Image, Keypoints, Model, Observation, Point};
 use crate::text::{Line, TextReader};
-use crate::{IoError, atomic};
+use crate::{IoError, atomic, broken};
 
 /// Reads the text model in `folder`.
 pub(super) fn read(folder: &Path, keypoints: Keypoints) -> Result<Model, IoError> {
     let points = folder.join("points3D.txt");
+    let cameras = read_cameras(&folder.join("cameras.txt"))?;
+    let (images, warning) = broken::leave_out(read_images(&folder.join("images.txt"), keypoints)?)?;
     Ok(Model {
-        cameras: read_cameras(&folder.join("cameras.txt"))?,
-        images: read_images(&folder.join("images.txt"), keypoints)?,
+        cameras,
+        images: images.into_iter().flatten().collect(),
         points: if points.is_file() { read_points(&points)? } else { Vec::new() },
+        warnings: warning.into_iter().collect(),
     })
 }
 
@@ -70,14 +73,16 @@ fn parse_camera(line: Line) -> Result<(u32, Camera), IoError> {
     Ok((id, camera))
 }
 
-fn read_images(path: &Path, keypoints: Keypoints) -> Result<Vec<Image>, IoError> {
+/// The images, or what is wrong with their poses.
+fn read_images(path: &Path, keypoints: Keypoints) -> Result<Vec<Result<Image, IoError>>, IoError> {
     let mut reader = TextReader::open(path)?;
-    let mut images: Vec<Image> = Vec::new();
+    let mut images: Vec<Result<Image, IoError>> = Vec::new();
     let mut has_keypoints = true;
     while let Some(line) = reader.next_line()? {
         match images.last_mut() {
             Some(image) if !has_keypoints && !is_image(line) => {
                 has_keypoints = true;
+                let Ok(image) = image else { continue };
                 let count = count_observations(line, image)?;
                 if keypoints == Keypoints::Read {
                     image.observations = parse_observations(line, count)?;
@@ -102,17 +107,19 @@ fn is_image(line: Line) -> bool {
     numbers == 9 && name.is_some_and(|name| name.parse::<f64>().is_err())
 }
 
-/// Reads an image's first line. The name is the rest of the line, because it may contain spaces.
-fn parse_image(line: Line) -> Result<Image, IoError> {
+/// Reads an image's first line; what is wrong with its pose is apart from other errors. The name is the rest of the line, because
+/// it may contain spaces.
+fn parse_image(line: Line) -> Result<Result<Image, IoError>, IoError> {
     let mut words = line.words();
     let id = words.number("image id")?;
     let quaternion = words.numbers::<4>("rotation")?;
     let translation = words.numbers::<3>("translation")?;
     let camera_id = words.number("camera id")?;
     let name = words.rest().to_owned();
-    let cam_from_world = model::pose(quaternion, translation)
-        .map_err(|problem| line.malformed(format!("image {id} ({name:?}): {problem}")))?;
-    Ok(Image { id, name, camera_id, cam_from_world, observations: Vec::new() })
+    Ok(match model::pose(quaternion, translation) {
+        Ok(cam_from_world) => Ok(Image { id, name, camera_id, cam_from_world, observations: Vec::new() }),
+        Err(problem) => Err(line.malformed(format!("image {id} ({name:?}): {problem}"))),
+    })
 }
 
 /// The number of keypoints on an image's second line.

@@ -10,7 +10,7 @@ use super::cam::{Cam, Options, read_cam};
 use super::pair::{Pairs, read_pairs};
 use crate::masks::Masks;
 use crate::sizes::stored_sizes;
-use crate::{IoError, Loaded, Place, folder, names};
+use crate::{IoError, Loaded, Place, broken, folder, names};
 
 /// The end of camera files' names.
 const SUFFIX: &str = "_cam.txt";
@@ -22,7 +22,7 @@ const SUFFIX: &str = "_cam.txt";
 /// the folder above is read; if there is none, [`Scene::pairs`] is `None`.
 ///
 /// # Errors
-/// If a file cannot be read or is malformed, half of the images are missing, one is not unique, or there are no camera files.
+/// If half of the camera files cannot be read or are malformed (views of fewer are left out, with a warning), half of the images are missing, one is not unique, or there are no camera files.
 pub fn read_scene(
     cams: &Path,
     images: &Path,
@@ -30,14 +30,17 @@ pub fn read_scene(
     options: &Options,
 ) -> Result<Loaded, IoError> {
     let cam_folder = cams;
-    let cam_files = cam_files(cam_folder)?;
+    let all = cam_files(cam_folder)?;
+    let (cams, broken) = broken::leave_out(all.values().map(|path| read_cam(path, options)).collect())?;
+    let all_ids = view_ids(all.keys());
+    let usable = all_ids.iter().copied().zip(all).zip(cams);
+    let usable = usable.filter_map(|((id, file), cam)| Some((id, (file, cam?))));
+    let (ids, (cam_files, mut cams)): (Vec<u32>, (BTreeMap<String, PathBuf>, Vec<Cam>)) = usable.unzip();
     let found = folder::images(images)?;
     let (names, mut warnings) = match_images(images, &cam_files, &found)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let ids = view_ids(cam_files.keys());
     let sizes = stored_sizes(images, &names)?;
-    let cams = cam_files.values().map(|path| read_cam(path, options));
-    let mut cams: Vec<Cam> = cams.collect::<Result<_, _>>()?;
+    warnings.extend(broken);
     warnings.extend(warn_of_depth_lines(&cam_files, &cams));
     warnings.extend(fit_to_photographs(cam_folder, &mut cams, &sizes));
     let mut views = Vec::with_capacity(names.len());
@@ -50,11 +53,12 @@ pub fn read_scene(
     warnings.extend(folder::warn_of_unused(&found, names.iter().copied()));
     let pair_file = pairs.map(Path::to_owned).or_else(|| pair_file_near(cam_folder));
     let pairs = pair_file.as_deref().map(|path| read_pairs(path, &ids)).transpose()?;
-    if let (Some(path), Some(unknown)) = (&pair_file, pairs.as_ref().and_then(|pairs| pairs.unknown.first()))
+    let unknown = pairs.iter().flat_map(|pairs| &pairs.unknown).find(|number| !all_ids.contains(number));
+    if let (Some(path), Some(unknown)) = (&pair_file, unknown)
         && !are_of_stems(cam_files.keys(), &ids)
     {
         // The file may count from 1, and all its numbers mean other views.
-        let last = ids.len() - 1;
+        let last = all_ids.len() - 1;
         let problem = format!(
             "expected numbers from 0 to {last}, in the order of the camera files, whose names have no numbers of their own; found {unknown}"
         );

@@ -73,7 +73,12 @@ fn model() -> Model {
         track: vec![(1, 0), (2, 0)],
     };
     let cameras = [(1, pinhole().into()), (2, Camera { lens, ..pinhole().into() })];
-    Model { cameras: cameras.into(), images: vec![image(1, "a.png"), image(2, "b.png")], points: vec![point] }
+    Model {
+        cameras: cameras.into(),
+        images: vec![image(1, "a.png"), image(2, "b.png")],
+        warnings: Vec::new(),
+        points: vec![point],
+    }
 }
 
 pub fn colmap_text(folder: &Path) -> Fixture {

@@ -78,7 +78,7 @@ impl ColmapWorkspace {
         let mut images: Vec<Image> = self.images.iter().enumerate().map(image).collect();
         let points = (1..).zip(points).map(|(id, point)| observe(id, point, cameras, &mut images)).collect();
         let cameras = (1..).zip(cameras).map(|(id, &camera)| (id, camera.into())).collect();
-        Model { cameras, images, points }
+        Model { cameras, images, points, ..Model::default() }
     }
 }
 
