@@ -31,11 +31,15 @@ pub fn read_scene(
 ) -> Result<Loaded, IoError> {
     let cam_folder = cams;
     let all = cam_files(cam_folder)?;
-    let (cams, broken) = broken::leave_out(all.values().map(|path| read_cam(path, options)).collect())?;
+    let (read, broken) = broken::leave_out(all.values().map(|path| read_cam(path, options)).collect())?;
     let all_ids = view_ids(all.keys());
-    let usable = all_ids.iter().copied().zip(all).zip(cams);
-    let usable = usable.filter_map(|((id, file), cam)| Some((id, (file, cam?))));
-    let (ids, (cam_files, mut cams)): (Vec<u32>, (BTreeMap<String, PathBuf>, Vec<Cam>)) = usable.unzip();
+    let (mut ids, mut cam_files, mut cams) = (Vec::new(), BTreeMap::new(), Vec::new());
+    for ((&id, (stem, path)), cam) in all_ids.iter().zip(all).zip(read) {
+        let Some(cam) = cam else { continue };
+        ids.push(id);
+        cam_files.insert(stem, path);
+        cams.push(cam);
+    }
     let found = folder::images(images)?;
     let (names, mut warnings) = match_images(images, &cam_files, &found)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
