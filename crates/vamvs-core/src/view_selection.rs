@@ -295,6 +295,24 @@ mod tests {
         assert_eq!(select_in(&scene, 1), [vec![2], vec![], vec![0]]);
     }
 
+    /// The cameras of a rig with one centre, as the faces of a panorama have it, whatever they both see.
+    #[test]
+    fn views_with_one_centre_are_never_sources_of_each_other() {
+        let ring = ring(&[0.0, 8.0]);
+        let turned = view(2, ring.views[0].cam_from_world.centre(), Vector3::new(1.0, 0.0, 0.0));
+        let mut scene = Scene { views: [ring.views, vec![turned]].concat(), ..Scene::default() };
+        for with_points in [false, true] {
+            if with_points {
+                let at = |i: usize| Vector3::new(0.1 * (i % 5) as f64, 0.1 * (i / 5) as f64, 0.3);
+                let point = |i| SparsePoint { x_in_world: at(i), views: vec![0, 1, 2] };
+                scene.points = (0..25).map(point).collect();
+            }
+            let selected = select_in(&scene, 5);
+            assert_eq!((&selected[0], &selected[2]), (&vec![1], &vec![1]), "points: {with_points}");
+            assert_eq!(selected[1].len(), 2);
+        }
+    }
+
     #[test]
     fn as_many_sources_are_compared_as_are_wanted_unless_they_share_next_to_nothing() {
         let compare = |scores: &[f64], most| compared(&sources(scores), most).collect::<Vec<_>>();

@@ -57,7 +57,7 @@ pub use method::NetworkMethod;
 pub use method::{Method, VisCorr};
 pub use options::{DepthOptions, FusionOptions, Stretching};
 pub use output::OutputFolder;
-pub use photographs::{PhotoSource, Photographs, Picture};
+pub use photographs::{PhotoSource, Photographs, Picture, warn_of_lenses};
 pub use plan::{Plan, ViewPlan, plan};
 pub use prepared::Prepared;
 pub use quality::Quality;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use vamvs_core::undistort::Undistortion;
-use vamvs_core::{Camera, Grid, Photo, Pinhole, Rgb, Scene, Size, View};
+use vamvs_core::{Camera, Grid, Lens, Photo, Pinhole, Rgb, Scene, Size, View};
 use vamvs_io::image::{self, Stretch};
 use vamvs_io::masks::{self, Masks};
 
@@ -72,6 +72,12 @@ const CUT_OFF: f64 = 0.001;
 
 /// Photographs whose values span more than this are not stretched.
 const WIDE: u16 = u16::MAX / 2;
+
+/// Longer side of the image that tells how much of an undistorted photograph is empty, pixels.
+const LENS_SAMPLES: usize = 128;
+
+/// A lens model that fills less of the undistorted photograph is warned of.
+const LEAST_FILLED: f64 = 0.7;
 
 impl Photographs {
     /// Photographs in `images`, with their masks (0 = ignore), at the size that the options ask for: that at which the
@@ -367,6 +373,42 @@ pub fn working_cameras(photographs: &Photographs, scene: &Scene) -> Vec<Pinhole>
     scene.views.iter().map(working).collect()
 }
 
+/// A warning if the lens model of a camera leaves much of its undistorted photograph empty: it folds back inside the photograph, which
+/// real lenses do not.
+#[must_use]
+pub fn warn_of_lenses(views: &[View]) -> Option<String> {
+    let mut cameras: Vec<Camera> = Vec::new();
+    for view in views {
+        if view.camera.lens.distorts() && !cameras.contains(&view.camera) {
+            cameras.push(view.camera);
+        }
+    }
+    let filled = |camera: &Camera| {
+        let Size { width, height } = camera.size;
+        let ratio = LENS_SAMPLES as f64 / camera.size.longer_side() as f64;
+        let side = |side: usize| ((side as f64 * ratio) as usize).max(1);
+        let small = Size::new(side(width), side(height));
+        let mask = Undistortion::new(camera).resized(camera.photograph_size(), small).mask(None);
+        mask.map_or(1.0, |mask| {
+            mask.data().iter().filter(|filled| **filled).count() as f64 / small.area() as f64
+        })
+    };
+    let (filled, camera) = cameras
+        .iter()
+        .filter(|camera| !matches!(camera.lens, Lens::Face(_)))
+        .map(|camera| (filled(camera), camera))
+        .min_by(|(a, _), (b, _)| a.total_cmp(b))?;
+    let count = views.iter().filter(|view| view.camera == *camera).count();
+    (filled < LEAST_FILLED).then(|| {
+        format!(
+            "the lens of {count} photograph(s), {:?}, folds back inside the photograph: only {:.0} % of the undistorted pixels show anything; \
+             check its distortion parameters, calibrate with fewer of them, or undistort the photographs beforehand",
+            camera.lens,
+            100.0 * filled
+        )
+    })
+}
+
 /// The undistorted photograph at `size`. A large one is first reduced, without aliasing, to twice
 /// that size, so that at most four times the pixels of the result are undistorted.
 fn undistorted(undistortion: &Undistortion, image: Grid<Rgb>, size: Size) -> Grid<Rgb> {
@@ -408,7 +450,24 @@ fn both(a: Option<Grid<bool>>, b: Option<Grid<bool>>) -> Option<Grid<bool>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vamvs_core::{Intrinsics, Lens};
+    use vamvs_core::{Intrinsics, Lens, Pose};
+
+    #[test]
+    fn lenses_that_fold_back_inside_the_photograph_are_told() {
+        let intrinsics = Intrinsics { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0 };
+        let view = |lens| View {
+            id: 0,
+            name: "a.png".to_owned(),
+            camera: Camera { size: Size::new(640, 480), intrinsics, lens },
+            cam_from_world: Pose::identity(),
+            depth_range: None,
+        };
+        let radial = |k1| Lens::Rational { k: [k1, 0.0, 0.0, 0.0, 0.0, 0.0], p: [0.0; 2] };
+        let good = [Lens::None, radial(-0.1), radial(0.2), Lens::Fisheye { k: [0.01, 0.0, 0.0, 0.0] }];
+        assert_eq!(warn_of_lenses(&good.map(view)), None);
+        let warning = warn_of_lenses(&[view(Lens::None), view(radial(-3.0)), view(radial(-3.0))]).unwrap();
+        assert!(warning.contains("the lens of 2 photograph(s)") && warning.contains("-3.0"), "{warning}");
+    }
 
     /// Undistorting at twice the size gives what undistorting the whole photograph gives.
     #[test]

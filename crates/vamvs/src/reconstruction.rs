@@ -11,7 +11,7 @@ use vamvs_io::masks::Masks;
 use crate::depth::draft::{self, Drafted};
 use crate::depth::{DepthJob, DepthSummary};
 use crate::event::{OnEvent, tell};
-use crate::photographs::Origin;
+use crate::photographs::{Origin, warn_of_lenses};
 use crate::{
     DepthOptions, Event, ExportOptions, FuseSummary, FusionOptions, Maps, Method, OutputFolder, PhotoSource,
     Photographs, Plan, Prepared, Quality, VamvsError, ViewPlan, fit,
@@ -135,6 +135,7 @@ impl Reconstruction {
     /// another one that sees the same surfaces, or `on_event` breaks.
     pub fn prepare(self, on_event: &mut OnEvent<'_>) -> Result<Prepared, VamvsError> {
         self.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
+        warn_of_lenses(&self.scene.views).map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
         let method = Method::new(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
         let photographs = Photographs::of(self.origin, &self.depth);
         let (photographs, note) = photographs.stretched(&self.scene.views, &self.depth);

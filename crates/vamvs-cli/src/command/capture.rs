@@ -73,6 +73,7 @@ pub fn facts((input, kind, flags): (Input, &str, String)) -> Result<Map<String, 
     let photographs = Photographs::new(&loaded.images, loaded.masks.clone(), &options);
     let mut facts = scene(kind, &loaded);
     let mut warnings = loaded.warnings.clone();
+    warnings.extend(vamvs::warn_of_lenses(&loaded.scene.views));
     let (photographs, note) = photographs.stretched(&loaded.scene.views, &options);
     warnings.extend(note);
     match vamvs::plan(&loaded.scene, &photographs, &options, PLANE_STEP) {
