@@ -61,11 +61,25 @@ fn cameras_that_are_none_are_named_with_file_and_field() {
         (DEPTH_LINE, "5", "depth line"),
     ] {
         let scene = small();
-        edit_cam(&scene, 1, line, text);
+        [1, 2].into_iter().for_each(|view| edit_cam(&scene, view, line, text));
         let said = scene.error("depth", &QUICK);
         assert!(said.contains("0001_cam.txt") && said.contains(expected), "{text}: {said}");
         assert!(!scene.out().exists(), "{text}: nothing may be written");
     }
+}
+
+#[test]
+fn one_broken_camera_among_good_ones_is_left_out_and_told() {
+    let scene = small();
+    edit_cam(&scene, 1, 1, "-nan(ind) 0 0 0");
+    let output = scene.run("depth", &QUICK);
+    expect_success(&output);
+    let said = stderr(&output);
+    assert!(
+        said.contains("1 of the scene's 3 cameras cannot be used") && said.contains("0001_cam.txt"),
+        "{said}"
+    );
+    assert!(said.contains("2 depth maps made"), "{said}");
 }
 
 #[test]
