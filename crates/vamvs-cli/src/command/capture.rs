@@ -113,7 +113,10 @@ fn planned(loaded: &Loaded, plan: &Plan) -> Map<String, Value> {
     let views: Vec<&ViewPlan> = plan.views.iter().flatten().collect();
     let mut origins: BTreeMap<String, usize> = BTreeMap::new();
     for view in &views {
-        let origin = view.origin.as_ref().map_or_else(String::new, RangeOrigin::to_string);
+        let origin = match view.origin {
+            Some(RangeOrigin::Geometry) => "a draft around what the cameras suggest".to_owned(),
+            origin => origin.map_or_else(String::new, |origin| origin.to_string()),
+        };
         *origins.entry(origin).or_default() += 1;
     }
     let mut facts = object(json!({
