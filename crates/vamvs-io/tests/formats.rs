@@ -164,6 +164,9 @@ fn as_openmvs(scene: &Scene, folder: &Path) -> Loaded {
     openmvs::read_scene(&folder.join("scene.mvs"), None).unwrap()
 }
 
+/// Writes a scene into a folder and reads it.
+type ReadBack = fn(&Scene, &Path) -> Loaded;
+
 fn expect_same_views(format: &str, found: &Scene, expected: &Scene) {
     assert_eq!(found.views.len(), expected.views.len(), "{format}");
     for (found, expected) in found.views.iter().zip(&expected.views) {
@@ -195,7 +198,7 @@ proptest! {
 
     #[test]
     fn a_scene_is_the_same_in_all_formats(scene in scene()) {
-        let formats: [(&str, fn(&Scene, &Path) -> Loaded); 6] = [
+        let formats: [(&str, ReadBack); 6] = [
             ("COLMAP", as_colmap),
             ("MVSNet", as_mvsnet),
             ("transforms.json", as_transforms),
