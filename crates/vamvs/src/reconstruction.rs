@@ -148,7 +148,7 @@ impl Reconstruction {
         let fitted = (&mut method, memory);
         let (photographs, mut plan) =
             fit::fit_to_memory(&scene, &photographs, &self.depth, fitted, on_event)?;
-        draft::mark(&guessed, &mut plan);
+        draft::mark(&guessed, &mut plan, &self.depth);
         warning_of_guesses(&plan).map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
         Ok(Prepared { scene, photographs, plan, method, options: self.depth })
     }

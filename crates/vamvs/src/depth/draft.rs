@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 use nalgebra::Vector3;
 use vamvs_core::depth_range::RangeOrigin;
 use vamvs_core::lift::lift_map;
-use vamvs_core::{DepthMap, DepthRange, Planes, Scene, occlusion};
+use vamvs_core::{DepthMap, DepthRange, Planes, Scene, Spacing, occlusion};
 
 use super::maker::Maker;
 use crate::event::{OnEvent, tell};
@@ -37,8 +37,8 @@ pub(crate) struct Drafted {
     pub scene: Scene,
     /// The method, which made the draft.
     pub method: Method,
-    /// The views of which no depth range was known.
-    pub guessed: Vec<usize>,
+    /// The views of which no depth range was known, with those that the cameras suggest.
+    pub guessed: Vec<(usize, DepthRange)>,
 }
 
 /// Finds points for views whose depth ranges are known from the cameras alone; without such views the scene stays as it is.
@@ -72,28 +72,41 @@ pub(crate) fn draft(
         // What is wrong is told when the depth maps themselves are planned.
         Err(_) => return Ok(Drafted { scene, method, guessed: Vec::new() }),
     };
-    let is_guess = |plan: &ViewPlan| plan.origin == Some(RangeOrigin::Geometry);
-    let guessed: Vec<usize> =
-        (0..plan.views.len()).filter(|&view| plan.views[view].as_ref().is_ok_and(is_guess)).collect();
+    let is_guess = |plan: &&ViewPlan| plan.origin == Some(RangeOrigin::Geometry);
+    let guess = |(view, plan): (usize, &Result<ViewPlan, String>)| {
+        plan.as_ref().ok().filter(is_guess).map(|plan| (view, plan.planes.range))
+    };
+    let guessed: Vec<(usize, DepthRange)> = plan.views.iter().enumerate().filter_map(guess).collect();
+    let views: Vec<usize> = guessed.iter().map(|(view, _)| *view).collect();
     if guessed.is_empty() {
         return Ok(Drafted { scene, method, guessed });
     }
-    let plan = widened(plan, &guessed, &scene, (method.plane_step(), options.max_planes));
+    let plan = widened(plan, &views, &scene, (method.plane_step(), options.max_planes));
     let mut work = Prepared { scene, photographs, plan, method, options };
-    let maps = maps(&work, &chosen(&work.plan, &guessed), on_event)?;
+    let maps = maps(&work, &chosen(&work.plan, &views), on_event)?;
     let points = occlusion::points_with_views(points(&maps, &work.plan), &work.scene.views);
     work.scene.points.extend(points.into_iter().filter(|point| !point.views.is_empty()));
     Ok(Drafted { scene: work.scene, method: work.method, guessed })
 }
 
-/// Marks the depth ranges of these views that come from the draft's points.
-pub(crate) fn mark(views: &[usize], plan: &mut Plan) {
-    for &view in views {
-        if let Ok(plan) = &mut plan.views[view]
-            && plan.origin == Some(RangeOrigin::Points)
-        {
-            plan.origin = Some(RangeOrigin::Draft);
+/// Marks the depth ranges of these views that come from the draft's points, and widens them by what the cameras suggest: a draft is
+/// only about right, and may miss surfaces.
+pub(crate) fn mark(guessed: &[(usize, DepthRange)], plan: &mut Plan, options: &DepthOptions) {
+    let most = plan.views.iter().flatten().map(|plan| plan.planes.count).max().unwrap_or(0);
+    for (view, guess) in guessed {
+        let Ok(plan) = &mut plan.views[*view] else { continue };
+        if plan.origin != Some(RangeOrigin::Points) {
+            continue;
         }
+        plan.origin = Some(RangeOrigin::Draft);
+        let DepthRange { near, far } = plan.planes.range;
+        let range = DepthRange { near: near.min(guess.near), far: far.max(guess.far) };
+        let spacing = options.spacing.unwrap_or(Spacing::InverseDepth);
+        let planes = Planes { spacing, ..plan.planes };
+        plan.planes = match options.planes {
+            Some(_) => Planes { range, ..planes },
+            None => planes.for_range(range, most),
+        };
     }
 }
 
@@ -197,7 +210,7 @@ mod tests {
     fn points_are_those_that_two_drafts_agree_on() {
         let planned = |source: usize| {
             let range = DepthRange { near: 1.0, far: 4.0 };
-            let planes = Planes { range, count: 8, spacing: vamvs_core::Spacing::InverseDepth };
+            let planes = Planes { range, count: 8, spacing: Spacing::InverseDepth };
             Ok(ViewPlan { sources: vec![source], planes, origin: None, region: None, foveated: false })
         };
         let plan = Plan { cameras: Vec::new(), views: vec![planned(1), planned(0)], neighbours: Vec::new() };
