@@ -132,9 +132,9 @@ impl Surroundings {
         }
     }
 
-    /// Whether columns beyond the right border are those at the left one.
+    /// Whether it shows all directions; columns beyond the right border are those at the left one then.
     #[must_use]
-    pub fn wraps(&self) -> bool {
+    pub fn is_panorama(&self) -> bool {
         matches!(self, Self::Panorama { .. })
     }
 

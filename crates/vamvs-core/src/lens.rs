@@ -236,10 +236,8 @@ fn distort_fisheye(k: &[f64; 4], x: &Vector2<f64>) -> Option<Distorted> {
         return Some((*x, Matrix2::identity()));
     }
     let theta = r.atan();
-    let s = theta * theta;
-    let (polynomial, _) = value_and_derivative(&[1.0, k[0], k[1], k[2], k[3]], s);
-    let (dtheta_distorted, _) = value_and_derivative(&angle_slope(k), s);
-    let factor = theta * polynomial / r;
+    let (dtheta_distorted, _) = value_and_derivative(&angle_slope(k), theta * theta);
+    let factor = fisheye_angle(k, theta) / r;
     // The factor's derivative with respect to r², from that of the distorted angle with respect to r.
     let factor_slope = (dtheta_distorted / (1.0 + r * r) - factor) / (2.0 * r * r);
     Some(radial(x, factor, factor_slope))

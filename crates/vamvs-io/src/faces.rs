@@ -1,6 +1,6 @@
 //! Cuts photographs of more directions than a pinhole camera takes into views.
 
-use vamvs_core::{Camera, Pinhole, Scene, SparsePoint, View};
+use vamvs_core::{Camera, Lens, Pinhole, Scene, SparsePoint, View};
 
 /// The scene with each photograph's faces ([`View::faces`]) in its place, numbered anew if there are any. A point that the photograph
 /// saw is seen by the faces that it lies in.
@@ -20,7 +20,7 @@ pub(crate) fn cut(scene: Scene) -> Scene {
     (0..).zip(&mut views).for_each(|(id, view)| view.id = id);
     let seen_by = |point: &SparsePoint| {
         let places = point.views.iter().flat_map(|&view| first[view]..first[view] + faces[view].len());
-        let is_alone = |view: usize| !matches!(views[view].camera.lens, vamvs_core::Lens::Face(_));
+        let is_alone = |view: usize| !matches!(views[view].camera.lens, Lens::Face(_));
         places.filter(|&view| is_alone(view) || is_inside(&views[view], point)).collect()
     };
     let points = scene.points.iter().map(|point| SparsePoint { views: seen_by(point), ..point.clone() });
@@ -37,7 +37,7 @@ fn is_inside(view: &View, point: &SparsePoint) -> bool {
 mod tests {
     use nalgebra::Vector3;
     use vamvs_core::face::{Rows, Side, Surroundings};
-    use vamvs_core::{Intrinsics, Lens, Pose, Size};
+    use vamvs_core::{Intrinsics, Pose, Size};
 
     use super::*;
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use vamvs_core::undistort::Undistortion;
-use vamvs_core::{Camera, Grid, Lens, Photo, Pinhole, Rgb, Scene, Size, View};
+use vamvs_core::{Camera, Grid, Photo, Pinhole, Rgb, Scene, Size, View};
 use vamvs_io::image::{self, Stretch};
 use vamvs_io::masks::{self, Masks};
 
@@ -23,7 +23,7 @@ pub trait PhotoSource: Send + Sync {
 /// A photograph as its camera took it, lens distortion included.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// The image, of the camera's size.
+    /// The image, of the size of the camera's photograph ([`Camera::photograph_size`]).
     pub image: Grid<Rgb>,
     /// Pixels that count (`true`), of the same size; `None` if all do.
     pub mask: Option<Grid<bool>>,
@@ -72,12 +72,6 @@ const CUT_OFF: f64 = 0.001;
 
 /// Photographs whose values span more than this are not stretched.
 const WIDE: u16 = u16::MAX / 2;
-
-/// Longer side of the image that tells how much of an undistorted photograph is empty, pixels.
-const LENS_SAMPLES: usize = 128;
-
-/// A lens model that fills less of the undistorted photograph is warned of.
-const LEAST_FILLED: f64 = 0.7;
 
 impl Photographs {
     /// Photographs in `images`, with their masks (0 = ignore), at the size that the options ask for: that at which the
@@ -272,18 +266,18 @@ impl Photographs {
     /// If a file cannot be read or its size contradicts the camera's.
     pub fn load(&self, view: &View) -> Result<(Photo, Option<String>), VamvsError> {
         // An undistorted photograph is sampled at twice the size first.
-        let samples = if view.camera.lens.distorts() { 2.0 } else { 1.0 };
+        let samples = if view.camera.lens.distorts() { 2 } else { 1 };
         let needed = |photograph: Size| {
             let size = view.camera.of_photograph(photograph).size;
-            let reduced = self.working_size(size).longer_side() as f64 / size.longer_side() as f64;
-            (samples * reduced * photograph.longer_side() as f64).ceil() as usize
+            let wanted = samples * self.working_size(size).longer_side();
+            (wanted * photograph.longer_side()).div_ceil(size.longer_side())
         };
         let Taken { picture: Picture { image, mask }, camera, note } =
             self.origin.taken(view, needed, self.stretch)?;
         let undistortion = Undistortion::new(&camera);
         let size = self.working_size(camera.size);
         let mask = undistortion.resized(camera.photograph_size(), size).mask(mask.as_ref());
-        let image = undistorted(&undistortion, image, size);
+        let image = undistorted(&undistortion, &camera, image, size);
         let foreground = (self.brightness != [0, 255]).then(|| foreground(&image, self.brightness));
         let photo = Photo {
             camera: undistortion.pinhole().resized(size),
@@ -373,58 +367,22 @@ pub fn working_cameras(photographs: &Photographs, scene: &Scene) -> Vec<Pinhole>
     scene.views.iter().map(working).collect()
 }
 
-/// A warning if the lens model of a camera leaves much of its undistorted photograph empty: it folds back inside the photograph, which
-/// real lenses do not.
-#[must_use]
-pub fn warn_of_lenses(views: &[View]) -> Option<String> {
-    let mut cameras: Vec<Camera> = Vec::new();
-    for view in views {
-        if view.camera.lens.distorts() && !cameras.contains(&view.camera) {
-            cameras.push(view.camera);
-        }
-    }
-    let filled = |camera: &Camera| {
-        let Size { width, height } = camera.size;
-        let ratio = LENS_SAMPLES as f64 / camera.size.longer_side() as f64;
-        let side = |side: usize| ((side as f64 * ratio) as usize).max(1);
-        let small = Size::new(side(width), side(height));
-        let mask = Undistortion::new(camera).resized(camera.photograph_size(), small).mask(None);
-        mask.map_or(1.0, |mask| {
-            mask.data().iter().filter(|filled| **filled).count() as f64 / small.area() as f64
-        })
-    };
-    let (filled, camera) = cameras
-        .iter()
-        .filter(|camera| !matches!(camera.lens, Lens::Face(_)))
-        .map(|camera| (filled(camera), camera))
-        .min_by(|(a, _), (b, _)| a.total_cmp(b))?;
-    let count = views.iter().filter(|view| view.camera == *camera).count();
-    (filled < LEAST_FILLED).then(|| {
-        format!(
-            "the lens of {count} photograph(s), {:?}, folds back inside the photograph: only {:.0} % of the undistorted pixels show anything; \
-             check its distortion parameters, calibrate with fewer of them, or undistort the photographs beforehand",
-            camera.lens,
-            100.0 * filled
-        )
-    })
-}
-
 /// The undistorted photograph at `size`. A large one is first reduced, without aliasing, to twice
 /// that size, so that at most four times the pixels of the result are undistorted.
-fn undistorted(undistortion: &Undistortion, image: Grid<Rgb>, size: Size) -> Grid<Rgb> {
+fn undistorted(undistortion: &Undistortion, camera: &Camera, image: Grid<Rgb>, size: Size) -> Grid<Rgb> {
     if !undistortion.changes() {
         return resized(image, size);
     }
-    let (whole, photograph) = (undistortion.pinhole().size, image.size());
-    let reduced = |side: usize| (side as f64 * (2 * size.width) as f64 / whole.width as f64).round() as usize;
-    let is_large = 2 * size.width < whole.width && 2 * size.height < whole.height;
-    let (from, to) = match is_large {
-        true => (
-            Size::new(reduced(photograph.width), reduced(photograph.height)),
-            Size::new(2 * size.width, 2 * size.height),
-        ),
-        false => (photograph, whole),
-    };
+    // What the photograph, which may have been decoded at a part of its size, shows of the undistorted one.
+    let shown = camera.of_photograph(image.size()).size;
+    let twice = Size::new(2 * size.width, 2 * size.height);
+    let is_large = twice.width < shown.width && twice.height < shown.height;
+    let to = if is_large { twice } else { shown };
+    let reduced = |side: usize, to: usize, shown: usize| (side * to).div_ceil(shown);
+    let from = Size::new(
+        reduced(image.width(), to.width, shown.width),
+        reduced(image.height(), to.height, shown.height),
+    );
     resized(undistortion.resized(from, to).image(&resized(image, from)), size)
 }
 
@@ -450,24 +408,7 @@ fn both(a: Option<Grid<bool>>, b: Option<Grid<bool>>) -> Option<Grid<bool>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vamvs_core::{Intrinsics, Lens, Pose};
-
-    #[test]
-    fn lenses_that_fold_back_inside_the_photograph_are_told() {
-        let intrinsics = Intrinsics { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0 };
-        let view = |lens| View {
-            id: 0,
-            name: "a.png".to_owned(),
-            camera: Camera { size: Size::new(640, 480), intrinsics, lens },
-            cam_from_world: Pose::identity(),
-            depth_range: None,
-        };
-        let radial = |k1| Lens::Rational { k: [k1, 0.0, 0.0, 0.0, 0.0, 0.0], p: [0.0; 2] };
-        let good = [Lens::None, radial(-0.1), radial(0.2), Lens::Fisheye { k: [0.01, 0.0, 0.0, 0.0] }];
-        assert_eq!(warn_of_lenses(&good.map(view)), None);
-        let warning = warn_of_lenses(&[view(Lens::None), view(radial(-3.0)), view(radial(-3.0))]).unwrap();
-        assert!(warning.contains("the lens of 2 photograph(s)") && warning.contains("-3.0"), "{warning}");
-    }
+    use vamvs_core::{Intrinsics, Lens};
 
     /// Undistorting at twice the size gives what undistorting the whole photograph gives.
     #[test]
@@ -484,12 +425,18 @@ mod tests {
         let undistortion = Undistortion::new(&camera);
         let size = Size::new(300, 200);
         let expected = resized(undistortion.image(&photograph), size);
-        let found = undistorted(&undistortion, photograph, size);
-        let errors: Vec<u8> =
-            found.data().iter().zip(expected.data()).map(|(a, b)| a[0].abs_diff(b[0])).collect();
-        let mean = errors.iter().map(|&error| f64::from(error)).sum::<f64>() / errors.len() as f64;
-        let off = errors.iter().filter(|&&error| error > 8).count() as f64 / errors.len() as f64;
-        assert!(mean < 1.0 && off < 0.01, "mean {mean}, share of errors > 8 of 255: {off}");
+        let errors = |photograph: Grid<Rgb>| {
+            let found = undistorted(&undistortion, &camera, photograph, size);
+            let pairs = found.data().iter().zip(expected.data());
+            let errors: Vec<u8> = pairs.map(|(a, b)| a[0].abs_diff(b[0])).collect();
+            let mean = errors.iter().map(|&error| f64::from(error)).sum::<f64>() / errors.len() as f64;
+            (mean, errors.iter().filter(|&&error| error > 8).count() as f64 / errors.len() as f64)
+        };
+        // As a JPEG may be decoded, at half of its size: then it is undistorted at that size.
+        let half = resized(photograph.clone(), Size::new(600, 400));
+        for (mean, off) in [errors(photograph), errors(half)] {
+            assert!(mean < 1.0 && off < 0.01, "mean {mean}, share of errors > 8 of 255: {off}");
+        }
     }
 
     #[test]

@@ -8,10 +8,11 @@ use vamvs_core::depth_range::RangeOrigin;
 use vamvs_io::Loaded;
 use vamvs_io::masks::Masks;
 
-use crate::depth::draft::{self, Drafted};
+use crate::depth::draft::{Drafted, draft};
 use crate::depth::{DepthJob, DepthSummary};
 use crate::event::{OnEvent, tell};
-use crate::photographs::{Origin, warn_of_lenses};
+use crate::lenses::warn_of_lenses;
+use crate::photographs::Origin;
 use crate::{
     DepthOptions, Event, ExportOptions, FuseSummary, FusionOptions, Maps, Method, OutputFolder, PhotoSource,
     Photographs, Plan, Prepared, Quality, VamvsError, ViewPlan, fit,
@@ -140,15 +141,17 @@ impl Reconstruction {
         let photographs = Photographs::of(self.origin, &self.depth);
         let (photographs, note) = photographs.stretched(&self.scene.views, &self.depth);
         note.map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
-        let Drafted { scene, mut method, guessed } =
-            draft::draft(self.scene, &photographs, method, &self.depth, on_event)?;
+        let Drafted { scene, mut method, views: drafted } =
+            draft(self.scene, &photographs, method, &self.depth, on_event)?;
         let one_size = self.depth.fovea || !self.depth.refine;
         let photographs = photographs.enlarged_for_network(if one_size { 1.0 } else { method.enlarges_by() });
         let memory = method.memory(self.depth.max_memory);
         let fitted = (&mut method, memory);
         let (photographs, mut plan) =
             fit::fit_to_memory(&scene, &photographs, &self.depth, fitted, on_event)?;
-        draft::mark(&guessed, &mut plan, &self.depth);
+        for view in drafted {
+            plan.views[view].iter_mut().for_each(|plan| plan.origin = Some(RangeOrigin::Draft));
+        }
         warning_of_guesses(&plan).map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
         Ok(Prepared { scene, photographs, plan, method, options: self.depth })
     }

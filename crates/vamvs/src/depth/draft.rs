@@ -1,13 +1,13 @@
-//! Points of captures without sparse points: a draft of the depth maps, of small photographs and over wide ranges, finds some, from
-//! which depth ranges and source views follow as from those of structure from motion.
+//! Depth ranges of captures without sparse points: a draft of the depth maps, of small photographs and over wide ranges, finds points,
+//! which tell whether the ranges that the cameras suggest are right.
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
 use nalgebra::Vector3;
-use vamvs_core::depth_range::RangeOrigin;
+use vamvs_core::depth_range::{self, RangeOrigin};
 use vamvs_core::lift::lift_map;
-use vamvs_core::{DepthMap, DepthRange, Planes, Scene, Spacing, occlusion};
+use vamvs_core::{DepthMap, DepthRange, Planes, Scene, SeenPoints, occlusion};
 
 use super::maker::Maker;
 use crate::event::{OnEvent, tell};
@@ -31,17 +31,20 @@ const LEAST_CONFIDENCE: f32 = 0.3;
 /// Depths of two drafts agree if they differ by less than this share.
 const AGREEMENT: f64 = 0.03;
 
+/// A guess of which at least this share of the draft's points lie inside is right.
+const HELD: f64 = 0.99;
+
 /// What a draft gave.
 pub(crate) struct Drafted {
-    /// The scene, with the points.
+    /// The scene, with depth ranges of the views of which none was known.
     pub scene: Scene,
     /// The method, which made the draft.
     pub method: Method,
-    /// The views of which no depth range was known, with those that the cameras suggest.
-    pub guessed: Vec<(usize, DepthRange)>,
+    /// The views that have their depth ranges from the draft.
+    pub views: Vec<usize>,
 }
 
-/// Finds points for views whose depth ranges are known from the cameras alone; without such views the scene stays as it is.
+/// Finds the depth ranges of views of which they are known from the cameras alone; without such views the scene stays as it is.
 ///
 /// # Errors
 /// If memory runs out, or `on_event` breaks. A view whose photograph cannot be read is left out here, and told later.
@@ -70,44 +73,44 @@ pub(crate) fn draft(
     let plan = match crate::plan(&scene, &photographs, &options, method.plane_step()) {
         Ok(plan) => plan,
         // What is wrong is told when the depth maps themselves are planned.
-        Err(_) => return Ok(Drafted { scene, method, guessed: Vec::new() }),
+        Err(_) => return Ok(Drafted { scene, method, views: Vec::new() }),
     };
     let is_guess = |plan: &&ViewPlan| plan.origin == Some(RangeOrigin::Geometry);
-    let guess = |(view, plan): (usize, &Result<ViewPlan, String>)| {
-        plan.as_ref().ok().filter(is_guess).map(|plan| (view, plan.planes.range))
-    };
-    let guessed: Vec<(usize, DepthRange)> = plan.views.iter().enumerate().filter_map(guess).collect();
-    let views: Vec<usize> = guessed.iter().map(|(view, _)| *view).collect();
-    if guessed.is_empty() {
-        return Ok(Drafted { scene, method, guessed });
+    let guess =
+        |view: &Result<ViewPlan, String>| view.as_ref().ok().filter(is_guess).map(|plan| plan.planes.range);
+    let guesses: Vec<Option<DepthRange>> = plan.views.iter().map(guess).collect();
+    let views: Vec<usize> = (0..guesses.len()).filter(|&view| guesses[view].is_some()).collect();
+    if views.is_empty() {
+        return Ok(Drafted { scene, method, views });
     }
     let plan = widened(plan, &views, &scene, (method.plane_step(), options.max_planes));
-    let mut work = Prepared { scene, photographs, plan, method, options };
+    let work = Prepared { scene, photographs, plan, method, options };
     let maps = maps(&work, &chosen(&work.plan, &views), on_event)?;
-    let points = occlusion::points_with_views(points(&maps, &work.plan), &work.scene.views);
-    work.scene.points.extend(points.into_iter().filter(|point| !point.views.is_empty()));
-    Ok(Drafted { scene: work.scene, method: work.method, guessed })
+    let points = points(&maps, &work.plan);
+    let Prepared { mut scene, method, .. } = work;
+    let ranges = ranges(&scene, points, &guesses);
+    ranges.iter().for_each(|&(view, range)| scene.views[view].depth_range = Some(range));
+    Ok(Drafted { scene, method, views: ranges.into_iter().map(|(view, _)| view).collect() })
 }
 
-/// Marks the depth ranges of these views that come from the draft's points, and widens them by what the cameras suggest: a draft is
-/// only about right, and may miss surfaces.
-pub(crate) fn mark(guessed: &[(usize, DepthRange)], plan: &mut Plan, options: &DepthOptions) {
-    let most = plan.views.iter().flatten().map(|plan| plan.planes.count).max().unwrap_or(0);
-    for (view, guess) in guessed {
-        let Ok(plan) = &mut plan.views[*view] else { continue };
-        if plan.origin != Some(RangeOrigin::Points) {
-            continue;
-        }
-        plan.origin = Some(RangeOrigin::Draft);
-        let DepthRange { near, far } = plan.planes.range;
-        let range = DepthRange { near: near.min(guess.near), far: far.max(guess.far) };
-        let spacing = options.spacing.unwrap_or(Spacing::InverseDepth);
-        let planes = Planes { spacing, ..plan.planes };
-        plan.planes = match options.planes {
-            Some(_) => Planes { range, ..planes },
-            None => planes.for_range(range, most),
-        };
-    }
+/// The depth ranges of the views with a guess that see enough of the points: the guess, if it holds them, else that of the points.
+fn ranges(
+    scene: &Scene,
+    points: Vec<Vector3<f64>>,
+    guesses: &[Option<DepthRange>],
+) -> Vec<(usize, DepthRange)> {
+    let points = occlusion::points_with_views(points, &scene.views);
+    let scene = Scene { views: scene.views.clone(), points, pairs: None };
+    let seen = SeenPoints::of(&scene);
+    let range = |view: usize| {
+        let (guess, found) = (guesses[view]?, depth_range::from_points(&scene, &seen, view)?);
+        let depth =
+            |&point: &usize| scene.views[view].cam_from_world.transform(&scene.points[point].x_in_world).z;
+        let points = seen.by(view);
+        let held = points.iter().map(depth).filter(|depth| (guess.near..=guess.far).contains(depth)).count();
+        Some((view, if held as f64 >= HELD * points.len() as f64 { guess } else { found }))
+    };
+    (0..guesses.len()).filter_map(range).collect()
 }
 
 /// The plan, with wider ranges for these views.
@@ -119,7 +122,7 @@ fn widened(mut plan: Plan, views: &[usize], scene: &Scene, steps: (f64, usize)) 
         let range = DepthRange { near: near / WIDER, far: far * WIDER };
         let others: Vec<_> =
             planned.sources.iter().map(|&source| (&plan.cameras[source], pose(source))).collect();
-        planned.planes = Planes::for_views(range, (&plan.cameras[view], pose(view)), &others, steps);
+        planned.planes = Planes::for_views(range, (&plan.cameras[view], pose(view)), &others, &[], steps);
     }
     plan
 }
@@ -190,7 +193,7 @@ fn agrees(map: &DepthMap, point: &Vector3<f64>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use vamvs_core::{Grid, Intrinsics, Pinhole, Pose, Size};
+    use vamvs_core::{Grid, Intrinsics, Pinhole, Pose, Size, Spacing};
 
     /// Two cameras side by side before a wall at a depth of 2.
     fn wall(x: f64, depth: f32) -> DepthMap {
