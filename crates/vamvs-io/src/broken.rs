@@ -2,32 +2,37 @@
 
 use crate::IoError;
 
-/// What could be read, in its place, and a warning about what could not.
+/// What could be read, in its place, and what is wrong with the rest.
 ///
 /// # Errors
 /// The first error, if half of the cameras cannot be read: then something is wrong with all of them.
 pub(crate) fn leave_out<T>(
     cameras: Vec<Result<T, IoError>>,
-) -> Result<(Vec<Option<T>>, Option<String>), IoError> {
-    let (all, broken) = (cameras.len(), cameras.iter().filter(|camera| camera.is_err()).count());
-    let mut first = None;
-    let mut kept = Vec::with_capacity(all);
+) -> Result<(Vec<Option<T>>, Vec<String>), IoError> {
+    let broken = cameras.iter().filter(|camera| camera.is_err()).count();
+    let are_all = 2 * broken >= cameras.len();
+    let mut reasons = Vec::with_capacity(broken);
+    let mut kept = Vec::with_capacity(cameras.len());
     for camera in cameras {
         match camera {
             Ok(camera) => kept.push(Some(camera)),
-            Err(error) if 2 * broken >= all => return Err(error),
+            Err(error) if are_all => return Err(error),
             Err(error) => {
-                first.get_or_insert(error);
+                reasons.push(error.to_string());
                 kept.push(None);
             }
         }
     }
-    let warning = first.map(|error| {
-        format!(
-            "{broken} of the scene's {all} cameras cannot be used, and their views are left out ({error})"
-        )
-    });
-    Ok((kept, warning))
+    Ok((kept, reasons))
+}
+
+/// A warning that cameras of `all` were left out, if some were.
+pub(crate) fn warning(broken: &[String], all: usize) -> Option<String> {
+    let first = broken.first()?;
+    let count = broken.len();
+    Some(format!(
+        "{count} of the scene's {all} cameras cannot be used, and their views are left out ({first})"
+    ))
 }
 
 #[cfg(test)]
@@ -37,7 +42,7 @@ mod tests {
     use super::*;
     use crate::Place;
 
-    fn read(good: &[bool]) -> Result<(Vec<Option<usize>>, Option<String>), IoError> {
+    fn read(good: &[bool]) -> Result<(Vec<Option<usize>>, Vec<String>), IoError> {
         let error = |number| IoError::malformed(Path::new("cams.txt"), Place::Line(number), "no pose");
         leave_out(
             good.iter().enumerate().map(|(at, good)| if *good { Ok(at) } else { Err(error(at)) }).collect(),
@@ -46,10 +51,10 @@ mod tests {
 
     #[test]
     fn few_broken_cameras_are_a_warning_and_half_of_them_an_error() {
-        assert_eq!(read(&[true, true]).unwrap(), (vec![Some(0), Some(1)], None));
-        let (kept, warning) = read(&[true, false, true]).unwrap();
+        assert_eq!(read(&[true, true]).unwrap(), (vec![Some(0), Some(1)], Vec::new()));
+        let (kept, broken) = read(&[true, false, true]).unwrap();
         assert_eq!(kept, [Some(0), None, Some(2)]);
-        let warning = warning.unwrap();
+        let warning = warning(&broken, 3).unwrap();
         assert!(
             warning.contains("1 of the scene's 3 cameras") && warning.contains("line 1: no pose"),
             "{warning}"

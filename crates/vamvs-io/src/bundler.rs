@@ -10,12 +10,12 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Matrix3, Vector3};
 use vamvs_core::{Camera, Intrinsics, Lens, Pose, Size, SparsePoint, View};
 
-use crate::locate::{Located, locate, sorted_by_name};
+use crate::locate::{Located, locate, places, renumbered, sorted_by_name};
 use crate::masks::Masks;
 use crate::point_line::read_point;
 use crate::sizes::stored_sizes;
 use crate::text::{TextReader, WordReader};
-use crate::{IoError, Loaded, Place};
+use crate::{IoError, Loaded, Place, broken};
 
 /// Reads the scene of the file `bundle`. Cameras with focal length 0 were not registered and are left out.
 ///
@@ -25,34 +25,39 @@ use crate::{IoError, Loaded, Place};
 ///
 /// # Errors
 /// If a file cannot be read or is malformed, there is no list of images or it has another length than the
-/// list of cameras, or half of the photographs are missing.
+/// list of cameras, or half of the photographs are missing or of the cameras cannot be used; views of fewer are left out, with a
+/// warning.
 pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let list = list_of(bundle)?;
     let named = read_list(&list)?;
     let Bundle { cameras, points } = read_bundle(bundle, named.len())?;
-    let place = registered_places(&cameras);
-    let kept: Vec<(String, BundleCamera)> =
+    let (all, points) = (cameras.len(), renumbered(points, &places(&cameras)));
+    let registered: Vec<_> =
         named.into_iter().zip(cameras).filter_map(|(name, camera)| Some((name, camera?))).collect();
-    if kept.is_empty() {
+    if registered.is_empty() {
         let problem = "expected registered cameras, found none with a focal length other than 0";
         return Err(IoError::malformed(bundle, Place::Whole, problem));
     }
+    let unregistered = all - registered.len();
+    let (kept, broken) =
+        broken::leave_out(registered.into_iter().map(|(name, camera)| Ok((name, camera?))).collect())?;
+    let points = renumbered(points, &places(&kept));
+    let kept: Vec<(String, BundleCamera)> = kept.into_iter().flatten().collect();
     let names: Vec<String> = kept.iter().map(|(name, _)| name.clone()).collect();
     let Located { folder, names, mut warnings } = locate(&list, &names, images)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let sizes = stored_sizes(&folder, &names)?;
     let views = kept.iter().zip(names.into_iter().zip(sizes));
     let views = views.map(|((_, camera), (name, size))| camera.view(name, size)).collect();
-    let left_out = place.iter().filter(|place| place.is_none()).count();
-    let warning = format!("{left_out} of {} cameras were not registered and are left out", place.len());
-    let points = points.iter().map(|point| renumbered(point, &place)).collect();
-    warnings.extend((left_out > 0).then_some(warning));
-    Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
+    warnings.extend(broken::warning(&broken, all));
+    let warning = format!("{unregistered} of {all} cameras were not registered and are left out");
+    warnings.extend((unregistered > 0).then_some(warning));
+    Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings, broken })
 }
 
-/// The file's content. Cameras that were not registered are `None`; the points' views count them too.
+/// The file's content. Cameras that were not registered are `None`, others may be broken; the points' views count them all.
 struct Bundle {
-    cameras: Vec<Option<BundleCamera>>,
+    cameras: Vec<Option<Result<BundleCamera, IoError>>>,
     points: Vec<SparsePoint>,
 }
 
@@ -121,36 +126,28 @@ fn read_bundle(path: &Path, listed: usize) -> Result<Bundle, IoError> {
     Ok(Bundle { cameras, points: points.collect::<Result<_, _>>()? })
 }
 
-fn read_camera(words: &mut WordReader) -> Result<Option<BundleCamera>, IoError> {
+/// A camera, or what is wrong with its numbers; `None` if it was not registered.
+fn read_camera(words: &mut WordReader) -> Result<Option<Result<BundleCamera, IoError>>, IoError> {
     let [focal, k1, k2] = words.numbers("focal length and distortion")?;
     let rotation = Matrix3::from_row_slice(&words.numbers::<9>("rotation")?);
     let translation = Vector3::from(words.numbers::<3>("translation")?);
     if focal == 0.0 {
         return Ok(None);
     }
+    let camera = camera([focal, k1, k2], rotation, translation);
+    Ok(Some(camera.map_err(|problem| words.malformed(problem))))
+}
+
+fn camera(
+    [focal, k1, k2]: [f64; 3],
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
+) -> Result<BundleCamera, String> {
     if !(focal > 0.0 && [focal, k1, k2].iter().all(|value| value.is_finite())) {
-        let problem = format!("expected a focal length and distortions, found {focal} {k1} {k2}");
-        return Err(words.malformed(problem));
+        return Err(format!("expected a focal length and distortions, found {focal} {k1} {k2}"));
     }
     let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
     let cam_from_world =
-        Pose::try_new(flip * rotation, flip * translation).map_err(|error| words.malformed(error))?;
-    Ok(Some(BundleCamera { focal, k: [k1, k2], cam_from_world }))
-}
-
-/// For each camera of the file, its index among the registered ones.
-fn registered_places(cameras: &[Option<BundleCamera>]) -> Vec<Option<usize>> {
-    let mut next = 0;
-    let place = |camera: &Option<BundleCamera>| {
-        camera.as_ref().map(|_| {
-            next += 1;
-            next - 1
-        })
-    };
-    cameras.iter().map(place).collect()
-}
-
-fn renumbered(point: &SparsePoint, place: &[Option<usize>]) -> SparsePoint {
-    let views = point.views.iter().filter_map(|&camera| place[camera]).collect();
-    SparsePoint { x_in_world: point.x_in_world, views }
+        Pose::try_new(flip * rotation, flip * translation).map_err(|error| error.to_string())?;
+    Ok(BundleCamera { focal, k: [k1, k2], cam_from_world })
 }

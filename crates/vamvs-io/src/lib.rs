@@ -56,4 +56,6 @@ pub struct Loaded {
     pub masks: Masks,
     /// Warnings for the user about how the files were read, one sentence each.
     pub warnings: Vec<String>,
+    /// What is wrong with cameras that cannot be used, one sentence each. Their views are not in the scene, of which a warning tells.
+    pub broken: Vec<String>,
 }

@@ -93,6 +93,20 @@ pub(crate) fn sorted_by_name(views: Vec<View>, points: Vec<SparsePoint>) -> Scen
     Scene { views: views.into_iter().map(numbered).collect(), points, pairs: None }
 }
 
+/// For each entry, its index among those that are there.
+pub(crate) fn places<T>(entries: &[Option<T>]) -> Vec<Option<usize>> {
+    let mut indices = 0..;
+    entries.iter().map(|entry| entry.as_ref().and_then(|_| indices.next())).collect()
+}
+
+/// The points, with their views numbered by `places`; views that have none are left out.
+pub(crate) fn renumbered(mut points: Vec<SparsePoint>, places: &[Option<usize>]) -> Vec<SparsePoint> {
+    for point in &mut points {
+        point.views = point.views.iter().filter_map(|&view| places[view]).collect();
+    }
+    points
+}
+
 /// The path with `/` for the backslashes of Windows programs.
 fn slashes(name: &str) -> String {
     name.replace('\\', "/")

@@ -2,8 +2,8 @@
 //!
 //! Camera fields are global or per frame; those of the frame take precedence. They are `fl_x fl_y cx cy w h`
 //! or `camera_angle_x`, and the distortion: `k1 k2 k3 p1 p2` of a perspective camera or `k1 … k4` of a
-//! fisheye; a photograph of all directions has none. A missing size is read from the image file. `transform_matrix` is world from camera, with the
-//! camera in OpenGL's axes (x right, y up, z backwards).
+//! fisheye; a photograph of all directions has none. A missing size is read from the image file.
+//! `transform_matrix` is world from camera, with the camera in OpenGL's axes (x right, y up, z backwards).
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -47,7 +47,7 @@ pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, Io
         frames.iter().zip(names.iter().zip(sizes)).map(|(frame, (name, size))| view(frame, name, size));
     let (views, broken) = broken::leave_out(views.collect())?;
     let (views, scales): (Vec<View>, Vec<f64>) = views.into_iter().flatten().unzip();
-    warnings.extend(broken);
+    warnings.extend(broken::warning(&broken, frames.len()));
     warnings.extend(warn_of_scales(&path, &scales));
     let masks = masks(&path, &frames, &names)?;
     let mut scene = faces::cut(sorted_by_name(views, Vec::new()));
@@ -60,7 +60,7 @@ pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, Io
             format!("ply_file_path: {file_name} is not a file, so there are no sparse points")
         });
     }
-    Ok(Loaded { scene, images: folder, masks, warnings })
+    Ok(Loaded { scene, images: folder, masks, warnings, broken })
 }
 
 /// The fields of a frame. A field that the frame lacks is taken from those that all frames share.
@@ -113,7 +113,8 @@ impl Fields<'_> {
 
 fn read_object(path: &Path) -> Result<Map<String, Value>, IoError> {
     let text = std::fs::read(path).map_err(IoError::system("open", path))?;
-    let value: Value = serde_json::from_slice(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&text))
+    let text = with_numbers_only(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&text));
+    let value: Value = serde_json::from_slice(&text)
         .map_err(|error| IoError::malformed(path, Place::Line(error.line()), error))?;
     match value {
         Value::Object(fields) => Ok(fields),
@@ -124,6 +125,25 @@ fn read_object(path: &Path) -> Result<Map<String, Value>, IoError> {
         }
         _ => Err(IoError::malformed(path, Place::Whole, "expected an object with frames")),
     }
+}
+
+/// The text with `null` for the words `NaN`, `Infinity` and `-Infinity`, which Python writes and JSON does not have.
+fn with_numbers_only(text: &[u8]) -> Vec<u8> {
+    const WORDS: [&[u8]; 3] = [b"NaN", b"Infinity", b"-Infinity"];
+    let (mut kept, mut rest, mut in_string) = (Vec::with_capacity(text.len()), text, false);
+    while let Some(&byte) = rest.first() {
+        let word = WORDS.into_iter().find(|word| !in_string && rest.starts_with(word));
+        let (length, written) = match (word, byte) {
+            (Some(word), _) => (word.len(), &b"null"[..]),
+            // An escaped character, which may be a quotation mark.
+            (None, b'\\') => (rest.len().min(2), &rest[..rest.len().min(2)]),
+            (None, _) => (1, &rest[..1]),
+        };
+        in_string ^= byte == b'"';
+        kept.extend_from_slice(written);
+        rest = &rest[length..];
+    }
+    kept
 }
 
 fn frames<'a>(path: &'a Path, shared: &'a Map<String, Value>) -> Result<Vec<Fields<'a>>, IoError> {

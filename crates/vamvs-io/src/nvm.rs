@@ -10,23 +10,28 @@ use nalgebra::Vector3;
 use vamvs_core::{Camera, Intrinsics, Lens, Pose, Size, SparsePoint, View};
 
 use crate::colmap::model::pose;
-use crate::locate::{Located, locate, sorted_by_name};
+use crate::locate::{Located, locate, places, renumbered, sorted_by_name};
 use crate::masks::Masks;
 use crate::point_line::read_point;
 use crate::sizes::stored_sizes;
 use crate::text::{TextReader, WordReader};
-use crate::{IoError, Loaded, Place};
+use crate::{IoError, Loaded, Place, broken};
 
 /// Reads the first model of the file `nvm`. Photographs are looked up in `images` or, without it, relative to the
 /// file.
 ///
 /// # Errors
-/// If the file cannot be read or is malformed, holds no cameras, or photographs are missing.
+/// If the file cannot be read or is malformed, holds no cameras, or half of the photographs are missing or of the cameras cannot be
+/// used; views of fewer are left out, with a warning.
 pub fn read_scene(nvm: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let Nvm { fixed, cameras, points, more } = read_nvm(nvm)?;
     if cameras.is_empty() {
         return Err(IoError::malformed(nvm, Place::Whole, "expected cameras, found none"));
     }
+    let all = cameras.len();
+    let (cameras, broken) = broken::leave_out(cameras)?;
+    let points = renumbered(points, &places(&cameras));
+    let cameras: Vec<NvmCamera> = cameras.into_iter().flatten().collect();
     let named: Vec<String> = cameras.iter().map(|camera| camera.name.clone()).collect();
     let Located { folder, names, mut warnings } = locate(nvm, &named, images)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
@@ -35,13 +40,15 @@ pub fn read_scene(nvm: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     let views = views.map(|(camera, (name, size))| camera.view(name, size, fixed)).collect();
     let several = || format!("{}: it holds several models; only the first is read", nvm.display());
     warnings.extend(more.then(several));
-    Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
+    warnings.extend(broken::warning(&broken, all));
+    Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings, broken })
 }
 
 struct Nvm {
     /// The intrinsics of all cameras (`FixedK`), if the file has them.
     fixed: Option<Intrinsics>,
-    cameras: Vec<NvmCamera>,
+    /// Some may be broken; the points' views count them too.
+    cameras: Vec<Result<NvmCamera, IoError>>,
     points: Vec<SparsePoint>,
     /// Whether more models follow.
     more: bool,
@@ -87,7 +94,7 @@ fn read_nvm(path: &Path) -> Result<Nvm, IoError> {
     let fixed = read_header(&mut reader)?;
     let mut words = WordReader::new(reader);
     let count: usize = words.number("number of cameras")?;
-    let cameras: Vec<NvmCamera> = (0..count).map(|_| read_camera(&mut words)).collect::<Result<_, _>>()?;
+    let cameras = (0..count).map(|_| read_camera(&mut words)).collect::<Result<_, _>>()?;
     let points: usize = words.optional_number("number of points")?.unwrap_or(0);
     let points = (0..points)
         .map(|_| read_point(&mut words, count, "list of measurements"))
@@ -113,19 +120,24 @@ fn read_header(reader: &mut TextReader) -> Result<Option<Intrinsics>, IoError> {
     Ok(Some(fixed))
 }
 
-fn read_camera(words: &mut WordReader) -> Result<NvmCamera, IoError> {
+/// A camera, or what is wrong with its numbers.
+fn read_camera(words: &mut WordReader) -> Result<Result<NvmCamera, IoError>, IoError> {
     // VisualSFM writes a space in a name as a quotation mark.
     let name = words.next_word()?.map(|word| word.replace('"', " "));
     let name = name.ok_or_else(|| words.malformed("image name: missing, the file ends here"))?;
-    let [focal, w, x, y, z, c0, c1, c2, radial, _zero] = words.numbers("camera")?;
-    let about = |problem: String| words.malformed(format!("camera {name:?}: {problem}"));
+    let numbers = words.numbers("camera")?;
+    Ok(camera(&name, numbers).map_err(|problem| words.malformed(format!("camera {name:?}: {problem}"))))
+}
+
+fn camera(name: &str, numbers: [f64; 10]) -> Result<NvmCamera, String> {
+    let [focal, w, x, y, z, c0, c1, c2, radial, _zero] = numbers;
     if !(focal > 0.0 && focal.is_finite() && radial.is_finite()) {
-        return Err(about(format!("expected a focal length and a distortion, found {focal} and {radial}")));
+        return Err(format!("expected a focal length and a distortion, found {focal} and {radial}"));
     }
-    let rotation = pose([w, x, y, z], [0.0; 3]).map_err(about)?.rotation;
+    let rotation = pose([w, x, y, z], [0.0; 3])?.rotation;
     let translation = -(rotation * Vector3::new(c0, c1, c2));
-    let cam_from_world = Pose::try_new(rotation, translation).map_err(|error| about(error.to_string()))?;
-    Ok(NvmCamera { name, focal, cam_from_world, radial })
+    let cam_from_world = Pose::try_new(rotation, translation).map_err(|error| error.to_string())?;
+    Ok(NvmCamera { name: name.to_owned(), focal, cam_from_world, radial })
 }
 
 #[cfg(test)]

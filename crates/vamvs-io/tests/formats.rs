@@ -167,6 +167,26 @@ fn as_openmvs(scene: &Scene, folder: &Path) -> Loaded {
 /// Writes a scene into a folder and reads it.
 type ReadBack = fn(&Scene, &Path) -> Loaded;
 
+const FORMATS: [(&str, ReadBack); 6] = [
+    ("COLMAP", as_colmap),
+    ("MVSNet", as_mvsnet),
+    ("transforms.json", as_transforms),
+    ("Bundler", as_bundle),
+    ("VisualSFM", as_nvm),
+    ("OpenMVS", as_openmvs),
+];
+
+/// The scene, written with its photographs and read again.
+fn written_and_read(scene: &Scene, read_back: ReadBack) -> Loaded {
+    let folder = tempdir().unwrap();
+    let images = folder.path().join("images");
+    fs::create_dir(&images).unwrap();
+    for view in &scene.views {
+        image::save_png_rgb(&images.join(&view.name), &Grid::filled(SIZE, [9; 3])).unwrap();
+    }
+    read_back(scene, folder.path())
+}
+
 fn expect_same_views(format: &str, found: &Scene, expected: &Scene) {
     assert_eq!(found.views.len(), expected.views.len(), "{format}");
     for (found, expected) in found.views.iter().zip(&expected.views) {
@@ -184,6 +204,17 @@ fn expect_same_views(format: &str, found: &Scene, expected: &Scene) {
     }
 }
 
+/// The scene without one of its views.
+fn without(scene: &Scene, left_out: usize) -> Scene {
+    let mut views = scene.views.clone();
+    views.remove(left_out);
+    let renumbered = |view: &usize| if *view > left_out { view - 1 } else { *view };
+    let seen_by = |views: &[usize]| views.iter().filter(|view| **view != left_out).map(renumbered).collect();
+    let points =
+        scene.points.iter().map(|point| SparsePoint { views: seen_by(&point.views), ..point.clone() });
+    Scene { views, points: points.collect(), pairs: None }
+}
+
 /// The same source views and, to the precision of OpenMVS's points, depth ranges.
 fn expect_same_plan(format: &str, found: &Scene, expected: &Scene) {
     for (view, (found, expected)) in planned(found).into_iter().zip(planned(expected)).enumerate() {
@@ -196,23 +227,28 @@ fn expect_same_plan(format: &str, found: &Scene, expected: &Scene) {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
+    /// A camera with a negative focal length among good ones.
+    #[test]
+    fn one_broken_camera_is_left_out_in_all_formats(scene in scene()) {
+        let mut one_broken = scene.clone();
+        one_broken.views[2].camera.intrinsics.fx *= -1.0;
+        for (format, read_back) in FORMATS {
+            let loaded = written_and_read(&one_broken, read_back);
+            let said = loaded.warnings.join("; ");
+            assert!(said.contains("1 of the scene's 5 cameras cannot be used"), "{format}: {said}");
+            assert_eq!(loaded.broken.len(), 1, "{format}: {:?}", loaded.broken);
+            expect_same_views(format, &loaded.scene, &without(&scene, 2));
+            // The pairs of MVSNet's folder are those with the broken camera.
+            if !["transforms.json", "MVSNet"].contains(&format) {
+                expect_same_plan(format, &loaded.scene, &without(&scene, 2));
+            }
+        }
+    }
+
     #[test]
     fn a_scene_is_the_same_in_all_formats(scene in scene()) {
-        let formats: [(&str, ReadBack); 6] = [
-            ("COLMAP", as_colmap),
-            ("MVSNet", as_mvsnet),
-            ("transforms.json", as_transforms),
-            ("Bundler", as_bundle),
-            ("VisualSFM", as_nvm),
-            ("OpenMVS", as_openmvs),
-        ];
-        for (format, read_back) in formats {
-            let folder = tempdir().unwrap();
-            fs::create_dir(folder.path().join("images")).unwrap();
-            for view in &scene.views {
-                image::save_png_rgb(&folder.path().join("images").join(&view.name), &Grid::filled(SIZE, [9; 3])).unwrap();
-            }
-            let loaded = read_back(&scene, folder.path());
+        for (format, read_back) in FORMATS {
+            let loaded = written_and_read(&scene, read_back);
             assert!(loaded.warnings.is_empty(), "{format}: {:?}", loaded.warnings);
             expect_same_views(format, &loaded.scene, &scene);
             // transforms.json has no points that say who sees them.

@@ -235,9 +235,12 @@ fn what_is_wrong_in_transforms_is_named_with_its_frame() {
 fn one_frame_of_three_without_a_pose_is_left_out_with_a_warning() {
     let files = Files::new(&["a.png", "b.png", "c.png"]);
     let mut broken = frame("b.png", 1);
-    broken["transform_matrix"][0][3] = Value::Null;
+    broken["transform_matrix"][0][3] = json!("HERE");
     let frames = json!([frame("a.png", 0), broken, frame("c.png", 2)]);
-    let loaded = read_transforms(&files, &json!({"fl_x": 10.0, "frames": frames})).unwrap();
+    // As Python writes it, beside a string that only looks like it.
+    let transforms = json!({"fl_x": 10.0, "frames": frames, "note": "\\\" NaN"}).to_string();
+    let path = files.save("transforms.json", &transforms.replace("\"HERE\"", "-Infinity"));
+    let loaded = nerfstudio::read_scene(&path, None).unwrap();
     let names: Vec<&str> = loaded.scene.views.iter().map(|view| view.name.as_str()).collect();
     assert_eq!(names, ["a.png", "c.png"]);
     let said = loaded.warnings.join("; ");

@@ -7,7 +7,7 @@ use vamvs::depth::{DepthJob, DepthStep, collect, estimate_part};
 use vamvs::io::masks::Masks;
 use vamvs::{DepthSummary, OutputFolder, Plan, Prepared, ViewPlan};
 
-use crate::arguments::{DepthArguments, DepthCommand, DepthStepFlags, DepthTask};
+use crate::arguments::{CommonFlags, DepthArguments, DepthCommand, DepthStepFlags, DepthTask};
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::timing::Timing;
@@ -81,15 +81,20 @@ fn with_job(
 ) -> Result<DepthSummary> {
     settings.use_threads()?;
     let out = OutputFolder::new(&arguments.out());
-    let work = prepared(settings, &out, progress)?;
+    let work = prepared(settings, &out, (&arguments.common, progress))?;
     let summary = run(&DepthJob { work: &work, output: &out, force: arguments.force })?;
     say_summary(&summary, progress);
     Ok(summary)
 }
 
 /// The scene, the method and the plan for depth maps that go to `out`.
-pub fn prepared(settings: &Settings, out: &OutputFolder, progress: &Progress) -> Result<Prepared> {
+pub fn prepared(
+    settings: &Settings,
+    out: &OutputFolder,
+    (common, progress): (&CommonFlags, &Progress),
+) -> Result<Prepared> {
     let loaded = settings.input.scene()?.load()?;
+    super::expect_all_cameras(common, &loaded)?;
     out.expect_apart(settings.input.cams.as_deref())?;
     let inputs = settings.input.given().chain([loaded.images.as_path()]);
     settings.export.expect_apart(out.root(), inputs)?;

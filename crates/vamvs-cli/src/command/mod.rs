@@ -23,6 +23,7 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use vamvs::core::{Part, View};
+use vamvs::io::Loaded;
 use vamvs::io::masks::Masks;
 use vamvs::output::LeftOut;
 use vamvs::{Event, Maps};
@@ -112,6 +113,15 @@ fn expect_masks(folder: Option<&Path>, views: &[View]) -> Result<()> {
         folder.display(),
         views.len()
     )
+}
+
+/// With `--strict`, cameras that cannot be used are an error.
+fn expect_all_cameras(common: &CommonFlags, loaded: &Loaded) -> Result<()> {
+    if common.strict && !loaded.broken.is_empty() {
+        let broken = &loaded.broken;
+        bail!("{} camera(s) cannot be used, and --strict allows none: {}", broken.len(), broken.join("; "));
+    }
+    Ok(())
 }
 
 /// With `--strict`, views that are left out are an error.

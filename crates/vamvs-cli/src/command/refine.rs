@@ -86,6 +86,7 @@ impl Photographed {
             return Ok(Self::of(scene, &Photographs::new(&images, masks, &options), &options, progress));
         }
         let loaded = settings.input.scene()?.load()?;
+        super::expect_all_cameras(&arguments.common, &loaded)?;
         loaded.warnings.iter().for_each(|warning| progress.warn(warning));
         let masks = settings.input.masks(&loaded.masks)?;
         let photographs = Photographs::new(&loaded.images, masks, &options);

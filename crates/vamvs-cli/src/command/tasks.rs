@@ -51,7 +51,7 @@ pub fn run(arguments: &TasksArguments) -> Result<()> {
     let progress = Progress::of(&reconstruct.depth.common);
     let out = std::path::absolute(reconstruct.depth.out()).context("--out")?;
     let output = OutputFolder::new(&out);
-    let work = depth::prepared(&settings, &output, &progress)?;
+    let work = depth::prepared(&settings, &output, (&reconstruct.depth.common, &progress))?;
     let job = DepthJob { work: &work, output: &output, force: false };
     depth::begin(&job, &settings)?;
     progress.finish();
@@ -122,6 +122,7 @@ impl Graph<'_> {
         // The views of photographs that are missing will be left out.
         let mut inputs: Vec<_> =
             sources.iter().filter_map(photograph).filter(|path| path.is_file()).collect();
+        // Views that are cut out of one photograph follow each other.
         inputs.dedup();
         Task { inputs, ..self.depth_step(DepthStep::Photometric, part) }
     }

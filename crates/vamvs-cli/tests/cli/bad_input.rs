@@ -80,6 +80,8 @@ fn one_broken_camera_among_good_ones_is_left_out_and_told() {
         "{said}"
     );
     assert!(said.contains("2 depth maps made"), "{said}");
+    let said = scene.error("depth", &[&QUICK[..], &["--strict"]].concat());
+    assert!(said.contains("1 camera(s) cannot be used, and --strict allows none"), "{said}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use vamvs_core::Camera;
 use super::camera;
 use super::model::{self, Image, Keypoints, Model, Observation, Point};
 use crate::bytes::ByteReader;
-use crate::{IoError, atomic, broken};
+use crate::{IoError, atomic};
 
 /// The point id of a keypoint without a triangulated point.
 const NO_POINT: u64 = u64::MAX;
@@ -35,18 +35,13 @@ pub(super) fn read(folder: &Path, keypoints: Keypoints) -> Result<Model, IoError
     let points = folder.join("points3D.bin");
     let image = |file: &mut ByteReader| read_image(file, keypoints);
     let cameras = read_cameras(&folder.join("cameras.bin"))?;
-    let images = read_list(&folder.join("images.bin"), IMAGE_BYTES, "images", image)?;
-    let (images, warning) = broken::leave_out(images)?;
-    Ok(Model {
-        cameras,
-        images: images.into_iter().flatten().collect(),
-        warnings: warning.into_iter().collect(),
-        points: if points.is_file() {
-            read_list(&points, POINT_BYTES, "points", read_point)?
-        } else {
-            Vec::new()
-        },
-    })
+    let file = folder.join("images.bin");
+    let images = read_list(&file, IMAGE_BYTES, "images", image)?;
+    let points = match points.is_file() {
+        true => read_list(&points, POINT_BYTES, "points", read_point)?,
+        false => Vec::new(),
+    };
+    Model::of_usable(cameras, images, points, &file)
 }
 
 /// Writes a binary model into `folder`.
@@ -74,7 +69,8 @@ fn read_list<T>(
     Ok(entries)
 }
 
-fn read_cameras(path: &Path) -> Result<BTreeMap<u32, Camera>, IoError> {
+/// The cameras by id, or what is wrong with their numbers.
+fn read_cameras(path: &Path) -> Result<BTreeMap<u32, Result<Camera, IoError>>, IoError> {
     let mut file = ByteReader::open(path)?;
     let mut cameras = BTreeMap::new();
     for _ in 0..file.count(CAMERA_BYTES, "cameras")? {
@@ -87,7 +83,8 @@ fn read_cameras(path: &Path) -> Result<BTreeMap<u32, Camera>, IoError> {
     Ok(cameras)
 }
 
-fn read_camera(file: &mut ByteReader) -> Result<(u32, Camera), IoError> {
+/// A camera and its id; what is wrong with its numbers is apart from other errors.
+fn read_camera(file: &mut ByteReader) -> Result<(u32, Result<Camera, IoError>), IoError> {
     let position = file.position();
     let id = file.u32("camera id")?;
     let about = |problem: String| format!("camera {id}: {problem}");
@@ -99,7 +96,7 @@ fn read_camera(file: &mut ByteReader) -> Result<(u32, Camera), IoError> {
         parameters.push(file.f64("camera parameter")?);
     }
     let camera = camera::size(width, height).and_then(|size| camera::camera(model, size, &parameters));
-    camera.map(|camera| (id, camera)).map_err(|problem| file.malformed(position, about(problem)))
+    Ok((id, camera.map_err(|problem| file.malformed(position, about(problem)))))
 }
 
 /// An image; what is wrong with its pose is apart from other errors.

@@ -7,7 +7,7 @@ use std::path::Path;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3};
 use vamvs_core::{Camera, Pose, Scene, View};
 
-use crate::{IoError, Place, folder};
+use crate::{IoError, Place, broken, folder};
 
 /// A sparse model.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -18,8 +18,8 @@ pub struct Model {
     pub images: Vec<Image>,
     /// The triangulated points.
     pub points: Vec<Point>,
-    /// What was wrong with images that were left out when the model was read.
-    pub warnings: Vec<String>,
+    /// What was wrong with images that were left out when the model was read, or with their cameras.
+    pub broken: Vec<String>,
 }
 
 /// Whether the images' keypoints are kept when a model is read.
@@ -90,7 +90,25 @@ impl Model {
             }
             points.push(Point { id, x_in_world: point.x_in_world, rgb: [0; 3], error: 0.0, track });
         }
-        Self { cameras, images, points, warnings: Vec::new() }
+        Self { cameras, images, points, broken: Vec::new() }
+    }
+
+    /// The model of what was read: an image is left out if its pose or its camera cannot be used. `file` holds the images.
+    pub(super) fn of_usable(
+        cameras: BTreeMap<u32, Result<Camera, IoError>>,
+        images: Vec<Result<Image, IoError>>,
+        points: Vec<Point>,
+        file: &Path,
+    ) -> Result<Self, IoError> {
+        let with_camera = |image: Image| match cameras.get(&image.camera_id) {
+            Some(Err(error)) => Err(IoError::malformed(file, Place::Whole, format!("{image}: {error}"))),
+            _ => Ok(image),
+        };
+        let images = images.into_iter().map(|image| image.and_then(with_camera)).collect();
+        let (images, broken) = broken::leave_out(images)?;
+        let images = images.into_iter().flatten().collect();
+        let cameras = cameras.into_iter().filter_map(|(id, camera)| Some((id, camera.ok()?))).collect();
+        Ok(Self { cameras, images, points, broken })
     }
 
     /// Checks the consistency of cameras and images, which are in different files. `folder` is for the message.

@@ -10,7 +10,7 @@ use super::model::{Image, Model, Point};
 use super::workspace;
 use crate::masks::Masks;
 use crate::trackless::give_points;
-use crate::{IoError, Loaded, Place, faces, folder, names};
+use crate::{IoError, Loaded, Place, broken, faces, folder, names};
 
 /// Reads the model in the folder `model`, as [`Model::read`] does, with the photographs in the folder `images`, or else in
 /// `images` in the folder of the model or up to two above, as in `images` and `sparse/0`. Views are sorted by name and keep
@@ -22,14 +22,15 @@ use crate::{IoError, Loaded, Place, faces, folder, names};
 pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let model = &workspace::model(model)?;
     let images = &images.map_or_else(|| workspace::images(model), |images| Ok(images.to_owned()))?;
-    let Model { cameras, images: mut registered, points, mut warnings } =
-        Model::read_without_keypoints(model)?;
+    let Model { cameras, images: mut registered, points, broken } = Model::read_without_keypoints(model)?;
     if registered.is_empty() {
         let problem = "expected registered images, found none";
         return Err(IoError::malformed(model, Place::Whole, problem));
     }
     registered.sort_by(|a, b| a.name.cmp(&b.name));
     let found = folder::images(images)?;
+    let mut warnings: Vec<String> =
+        broken::warning(&broken, registered.len() + broken.len()).into_iter().collect();
     warnings.extend(rename_nearly_named(images, &found, &mut registered));
     let names: Vec<&str> = registered.iter().map(|image| image.name.as_str()).collect();
     warnings.extend(folder::warn_of_missing(images, &names)?);
@@ -40,7 +41,7 @@ pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError
     };
     let index_of = registered.iter().enumerate().map(|(index, image)| (image.id, index)).collect();
     let (points, dangling) = sparse_points(&index_of, &points);
-    if dangling > 0 {
+    if dangling > 0 && broken.is_empty() {
         warnings
             .push(format!("{dangling} observations of points are in images that the model does not have"));
     }
@@ -50,7 +51,7 @@ pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError
     if !trackless.is_empty() {
         warnings.push(give_points(&mut scene, &trackless, model));
     }
-    Ok(Loaded { scene, images: images.to_owned(), masks: Masks::None, warnings })
+    Ok(Loaded { scene, images: images.to_owned(), masks: Masks::None, warnings, broken })
 }
 
 /// Gives images that are missing the name of the only file that is nearly called like them; returns a warning.

@@ -11,19 +11,16 @@ use vamvs_core::Camera;
 use super::camera;
 use super::model::{self, Image, Keypoints, Model, Observation, Point};
 use crate::text::{Line, TextReader};
-use crate::{IoError, atomic, broken};
+use crate::{IoError, atomic};
 
 /// Reads the text model in `folder`.
 pub(super) fn read(folder: &Path, keypoints: Keypoints) -> Result<Model, IoError> {
     let points = folder.join("points3D.txt");
     let cameras = read_cameras(&folder.join("cameras.txt"))?;
-    let (images, warning) = broken::leave_out(read_images(&folder.join("images.txt"), keypoints)?)?;
-    Ok(Model {
-        cameras,
-        images: images.into_iter().flatten().collect(),
-        points: if points.is_file() { read_points(&points)? } else { Vec::new() },
-        warnings: warning.into_iter().collect(),
-    })
+    let file = folder.join("images.txt");
+    let images = read_images(&file, keypoints)?;
+    let points = if points.is_file() { read_points(&points)? } else { Vec::new() };
+    Model::of_usable(cameras, images, points, &file)
 }
 
 /// Writes a text model into `folder`.
@@ -39,7 +36,8 @@ pub(super) fn write(model: &Model, folder: &Path) -> Result<(), IoError> {
     })
 }
 
-fn read_cameras(path: &Path) -> Result<BTreeMap<u32, Camera>, IoError> {
+/// The cameras by id, or what is wrong with their numbers.
+fn read_cameras(path: &Path) -> Result<BTreeMap<u32, Result<Camera, IoError>>, IoError> {
     let mut reader = TextReader::open(path)?;
     let mut cameras = BTreeMap::new();
     while let Some(line) = reader.next_entry()? {
@@ -51,14 +49,14 @@ fn read_cameras(path: &Path) -> Result<BTreeMap<u32, Camera>, IoError> {
     Ok(cameras)
 }
 
-fn parse_camera(line: Line) -> Result<(u32, Camera), IoError> {
+/// A camera and its id; what is wrong with its numbers is apart from other errors.
+fn parse_camera(line: Line) -> Result<(u32, Result<Camera, IoError>), IoError> {
     let mut words = line.words();
     let id: u32 = words.number("camera id")?;
     let about = |problem: String| format!("camera {id}: {problem}");
     let name = words.word("camera model")?;
     let model = camera::by_name(name).map_err(|problem| line.unsupported(about(problem)))?;
-    let size = camera::size(words.number("image width")?, words.number("image height")?)
-        .map_err(|problem| line.malformed(about(problem)))?;
+    let size = camera::size(words.number("image width")?, words.number("image height")?);
     let mut parameters = Vec::with_capacity(model.parameters);
     for _ in 0..model.parameters {
         parameters.push(words.number("camera parameter")?);
@@ -68,9 +66,8 @@ fn parse_camera(line: Line) -> Result<(u32, Camera), IoError> {
         let problem = about(format!("{name} has {expected} parameters, found {word:?} after them"));
         return Err(line.malformed(problem));
     }
-    let camera =
-        camera::camera(model, size, &parameters).map_err(|problem| line.malformed(about(problem)))?;
-    Ok((id, camera))
+    let camera = size.and_then(|size| camera::camera(model, size, &parameters));
+    Ok((id, camera.map_err(|problem| line.malformed(about(problem)))))
 }
 
 /// The images, or what is wrong with their poses.

@@ -22,7 +22,8 @@ const SUFFIX: &str = "_cam.txt";
 /// the folder above is read; if there is none, [`Scene::pairs`] is `None`.
 ///
 /// # Errors
-/// If half of the camera files cannot be read or are malformed (views of fewer are left out, with a warning), half of the images are missing, one is not unique, or there are no camera files.
+/// If half of the camera files cannot be read or are malformed (views of fewer are left out, with a warning), half of the images
+/// are missing, one is not unique, or there are no camera files.
 pub fn read_scene(
     cams: &Path,
     images: &Path,
@@ -44,7 +45,7 @@ pub fn read_scene(
     let (names, mut warnings) = match_images(images, &cam_files, &found)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let sizes = stored_sizes(images, &names)?;
-    warnings.extend(broken);
+    warnings.extend(broken::warning(&broken, all_ids.len()));
     warnings.extend(warn_of_depth_lines(&cam_files, &cams));
     warnings.extend(fit_to_photographs(cam_folder, &mut cams, &sizes));
     let mut views = Vec::with_capacity(names.len());
@@ -70,7 +71,7 @@ pub fn read_scene(
     }
     warnings.extend(pair_file.zip(pairs.as_ref()).and_then(|(path, pairs)| warn_of_unknown(&path, pairs)));
     let scene = Scene { views, points: Vec::new(), pairs: pairs.map(|pairs| pairs.sources) };
-    Ok(Loaded { scene, images: images.to_owned(), masks: Masks::None, warnings })
+    Ok(Loaded { scene, images: images.to_owned(), masks: Masks::None, warnings, broken })
 }
 
 fn view(id: u32, name: &str, cam: &Cam, size: Size) -> View {

@@ -10,10 +10,10 @@ use vamvs_core::{Camera, CloudPoint, Intrinsics, Lens, Pinhole, Pose, Size, Spar
 
 use super::{calibration, f32_bytes, f64_bytes, rotation_and_centre};
 use crate::bytes::ByteReader;
-use crate::locate::{Located, locate, sorted_by_name};
+use crate::locate::{Located, locate, places, renumbered, sorted_by_name};
 use crate::masks::Masks;
 use crate::sizes::sizes;
-use crate::{IoError, Loaded, Place, atomic};
+use crate::{IoError, Loaded, Place, atomic, broken};
 
 /// The version that is written. Later ones only add fields for which vamvs has no data, such as band and mask
 /// names and view scores.
@@ -33,7 +33,8 @@ pub type ObservedPoint = (CloudPoint, Vec<u32>);
 ///
 /// # Errors
 /// If the file cannot be read or is malformed, is not an interface file (`MVSI`) but another type of OpenMVS
-/// archive, has no image with a pose, or photographs are missing.
+/// archive, has no image with a pose, or half of the photographs are missing or of the poses cannot be used; views of fewer are left
+/// out, with a warning.
 pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> {
     let mut file = ByteReader::open(mvs)?;
     if &file.take::<4>("kind of the file")? != b"MVSI" {
@@ -48,9 +49,11 @@ pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     let mut reader = SceneReader { file, version };
     let platforms = reader.list(24, "platforms", SceneReader::platform)?;
     let listed = reader.list(20, "images", SceneReader::image)?;
-    let posed: Vec<&MvsImage> = listed.iter().filter(|image| image.pose != NONE).collect();
-    let place = places(&listed);
-    let points = reader.list(20, "points", |reader| reader.point(&place))?;
+    let points = reader.list(20, "points", |reader| reader.point(listed.len()))?;
+    let all = listed.len();
+    let listed: Vec<_> = listed.into_iter().map(|image| Some(image).filter(MvsImage::has_pose)).collect();
+    let points = renumbered(points, &places(&listed));
+    let posed: Vec<MvsImage> = listed.into_iter().flatten().collect();
     if posed.is_empty() {
         return Err(IoError::malformed(mvs, Place::Whole, "expected images with poses, found none"));
     }
@@ -59,12 +62,16 @@ pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let stated: Vec<_> = posed.iter().map(|image| image.camera(&platforms)?.size).collect();
     let sizes = sizes(&folder, &names, &stated)?;
-    let view = |(image, (name, size)): (&&MvsImage, _)| image.view(mvs, &platforms, name, size);
-    let views = posed.iter().zip(names.into_iter().zip(sizes)).map(view).collect::<Result<_, _>>()?;
-    let left_out = listed.len() - posed.len();
-    let warning = format!("{left_out} of {} images have no pose and are left out", listed.len());
+    let view = |(image, (name, size)): (&MvsImage, _)| image.view(mvs, &platforms, name, size);
+    let views = posed.iter().zip(names.into_iter().zip(sizes)).map(view);
+    let (views, broken) = broken::leave_out(views.collect())?;
+    let points = renumbered(points, &places(&views));
+    let left_out = all - posed.len();
+    let warning = format!("{left_out} of {all} images have no pose and are left out");
     warnings.extend((left_out > 0).then_some(warning));
-    Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings })
+    warnings.extend(broken::warning(&broken, all));
+    let scene = sorted_by_name(views.into_iter().flatten().collect(), points);
+    Ok(Loaded { scene, images: folder, masks: Masks::None, warnings, broken })
 }
 
 /// Writes a scene of undistorted views and of points. Each view is its photograph's path relative to the file, its
@@ -142,15 +149,18 @@ fn write_text(out: &mut dyn Write, text: &str) -> io::Result<()> {
 
 struct Platform {
     cameras: Vec<MvsCamera>,
-    poses: Vec<Pose>,
+    poses: Vec<MvsPose>,
 }
 
 struct MvsCamera {
     /// The image's size; if `None`, K is in units of the image's longer side, see [`in_pixels`].
     size: Option<Size>,
     k: Matrix3<f64>,
-    cam_from_platform: Pose,
+    cam_from_platform: MvsPose,
 }
+
+/// A pose, or what is wrong with it.
+type MvsPose = Result<Pose, String>;
 
 struct MvsImage {
     name: String,
@@ -160,6 +170,10 @@ struct MvsImage {
 }
 
 impl MvsImage {
+    fn has_pose(&self) -> bool {
+        self.pose != NONE
+    }
+
     fn camera<'a>(&self, platforms: &'a [Platform]) -> Option<&'a MvsCamera> {
         platforms.get(self.platform as usize)?.cameras.get(self.camera as usize)
     }
@@ -179,7 +193,9 @@ impl MvsImage {
             None => in_pixels(&intrinsics, size),
         };
         let camera_in_pixels = Camera { size, intrinsics, lens: Lens::None };
-        let cam_from_world = camera.cam_from_platform.compose(platform_from_world);
+        let pose =
+            |pose: &MvsPose| pose.clone().map_err(|problem| malformed(format!("its pose is {problem}")));
+        let cam_from_world = pose(&camera.cam_from_platform)?.compose(&pose(platform_from_world)?);
         Ok(View { id: 0, name: name.to_owned(), camera: camera_in_pixels, cam_from_world, depth_range: None })
     }
 }
@@ -192,18 +208,6 @@ fn in_pixels(stored: &Intrinsics, size: Size) -> Intrinsics {
     let along_it = if size.width >= size.height { stored.cx } else { stored.cy };
     let shift = if along_it < 0.25 { 0.5 * side } else { 0.5 };
     stored.scaled(side, side).cropped(-shift, -shift)
-}
-
-/// For each image of the file, its index among the images with a pose.
-fn places(images: &[MvsImage]) -> Vec<Option<usize>> {
-    let mut next = 0;
-    let place = |image: &MvsImage| {
-        (image.pose != NONE).then(|| {
-            next += 1;
-            next - 1
-        })
-    };
-    images.iter().map(place).collect()
 }
 
 struct SceneReader {
@@ -252,11 +256,10 @@ impl SceneReader {
     }
 
     /// Reads a rotation and a centre.
-    fn pose(&mut self) -> Result<Pose, IoError> {
-        let position = self.file.position();
+    fn pose(&mut self) -> Result<MvsPose, IoError> {
         let rotation = Matrix3::from_row_slice(&self.file.f64s::<9>("rotation")?);
         let centre = Vector3::from(self.file.f64s::<3>("centre")?);
-        Pose::try_new(rotation, -(rotation * centre)).map_err(|error| self.file.malformed(position, error))
+        Ok(Pose::try_new(rotation, -(rotation * centre)).map_err(|error| error.to_string()))
     }
 
     fn image(&mut self) -> Result<MvsImage, IoError> {
@@ -279,7 +282,7 @@ impl SceneReader {
         Ok(MvsImage { name, platform, camera, pose })
     }
 
-    fn point(&mut self, place: &[Option<usize>]) -> Result<SparsePoint, IoError> {
+    fn point(&mut self, images: usize) -> Result<SparsePoint, IoError> {
         let position = self.file.position();
         let bytes: [u8; 12] = self.file.take("point")?;
         let coordinate = |i: usize| f64::from(f32::from_le_bytes(std::array::from_fn(|j| bytes[4 * i + j])));
@@ -287,15 +290,17 @@ impl SceneReader {
         if !x_in_world.iter().all(|value| value.is_finite()) {
             return Err(self.file.malformed(position, "point: expected a finite position"));
         }
-        let seen = self.list(8, "views of a point", |reader| {
+        let views = self.list(8, "views of a point", |reader| {
             let position = reader.file.position();
             let image = reader.file.u32("view of a point")?;
             reader.file.u32("confidence of a view")?;
-            let problem =
-                || format!("view of a point: expected an image below {}, found {image}", place.len());
-            place.get(image as usize).copied().ok_or_else(|| reader.file.malformed(position, problem()))
+            if image as usize >= images {
+                let problem = format!("view of a point: expected an image below {images}, found {image}");
+                return Err(reader.file.malformed(position, problem));
+            }
+            Ok(image as usize)
         })?;
-        Ok(SparsePoint { x_in_world, views: seen.into_iter().flatten().collect() })
+        Ok(SparsePoint { x_in_world, views })
     }
 }
 

@@ -76,7 +76,7 @@ fn model() -> Model {
     Model {
         cameras: cameras.into(),
         images: vec![image(1, "a.png"), image(2, "b.png")],
-        warnings: Vec::new(),
+        broken: Vec::new(),
         points: vec![point],
     }
 }
