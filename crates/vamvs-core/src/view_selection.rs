@@ -23,6 +23,9 @@ const NARROWER: f64 = 1.0;
 /// Standard deviation of the Gaussian above the best angle, degrees: σ₂ of MVSNet.
 const WIDER: f64 = 10.0;
 
+/// A source view may show surfaces so many times as large as the reference view.
+const LARGER: f64 = 1.6;
+
 /// Views are not selected if the mean score of the common points is at most this: that of angles of 0.2° and of 53°.
 const NEGLIGIBLE: f64 = 1e-5;
 
@@ -45,6 +48,12 @@ const CANDIDATES: usize = 4;
 
 /// Source views are scored by camera geometry if the view shares fewer points than this with other views.
 const FEWEST_POINTS: usize = 10;
+
+/// Columns and rows of the cells of an image in which points count together.
+const CELLS: usize = 8;
+
+/// What a cell without points counts for, as a share of one with points.
+const FILL: f64 = 0.5;
 
 /// Number of nearest views from which the depth range of the virtual points is estimated.
 const NEAR_VIEWS: usize = 10;
@@ -75,7 +84,7 @@ pub fn select(scene: &Scene, pinholes: &[Pinhole], count: usize) -> Vec<Vec<Sour
         .into_par_iter()
         .map(|view| {
             let candidates = if seen[view].len() >= FEWEST_POINTS {
-                by_tracks(scene, &centres, view, &seen[view])
+                by_tracks(scene, (&centres, pinholes), view, &seen[view])
             } else {
                 by_geometry(scene, (&centres, &by_view), pinholes, view)
             };
@@ -112,7 +121,9 @@ struct Candidate {
 /// A candidate's look at a point that the reference view saw.
 struct Look {
     point: usize,
-    /// The score of the triangulation angle, 0 to 1.
+    /// What the point counts for.
+    weight: f64,
+    /// The weighted score of the triangulation angle and of the sizes at which the views show the point, 0 to the weight.
     score: f64,
     /// Unit vector from the point to the candidate's camera.
     direction: Vector3<f64>,
@@ -121,13 +132,18 @@ struct Look {
 }
 
 impl Look {
-    fn new(point: usize, score: f64, to_camera: Vector3<f64>) -> Self {
-        Self { point, score, direction: to_camera.normalize(), seen: 0.0 }
+    fn new(point: usize, (weight, score): (f64, f64), to_camera: Vector3<f64>) -> Self {
+        Self { point, weight, score: weight * score, direction: to_camera.normalize(), seen: 0.0 }
     }
 }
 
 impl Candidate {
-    /// MVSNet's score.
+    /// What its points count for.
+    fn weight(&self) -> f64 {
+        self.looks.iter().map(|look| look.weight).sum()
+    }
+
+    /// MVSNet's score, weighted.
     fn score(&self) -> f64 {
         self.looks.iter().map(|look| look.score).sum()
     }
@@ -139,16 +155,81 @@ impl Candidate {
 }
 
 /// The candidates that saw some of the reference view's points, with the number of each point in `seen`.
-fn by_tracks(scene: &Scene, centres: &[Vector3<f64>], view: usize, seen: &[usize]) -> Vec<Candidate> {
+fn by_tracks(
+    scene: &Scene,
+    (centres, pinholes): (&[Vector3<f64>], &[Pinhole]),
+    view: usize,
+    seen: &[usize],
+) -> Vec<Candidate> {
     let mut looks: Vec<Vec<Look>> = centres.iter().map(|_| Vec::new()).collect();
+    let cover = Cover::new(scene, &pinholes[view], view, seen);
     for (number, point) in seen.iter().map(|&index| &scene.points[index]).enumerate() {
         let ray = centres[view] - point.x_in_world;
         for &other in point.views.iter().filter(|&&other| other != view) {
             let to_other = centres[other] - point.x_in_world;
-            looks[other].push(Look::new(number, angle_score(&ray, &to_other), to_other));
+            let likeness = size_score((&pinholes[view], &ray), (&pinholes[other], &to_other));
+            let score = likeness * angle_score(&ray, &to_other);
+            looks[other].push(Look::new(number, (cover.weights[number], score), to_other));
         }
     }
+    let between = Between { scene, centres, pinholes, view };
+    for (other, looks) in looks.iter_mut().enumerate().filter(|(_, looks)| !looks.is_empty()) {
+        let fills = (seen.len()..).zip(&cover.fills);
+        looks.extend(fills.filter_map(|(number, point)| between.look(other, number, point, cover.fill)));
+    }
     looks.into_iter().enumerate().map(|(view, looks)| Candidate { view, looks }).collect()
+}
+
+/// What the points that a view saw count for: they stand for the part of the image around them, however many there are in it.
+struct Cover {
+    /// The weight of each point, 1 in the mean.
+    weights: Vec<f64>,
+    /// Points, in the world, in place of those that parts of the image lack, as far away as the nearest that there are.
+    fills: Vec<Vector3<f64>>,
+    /// The weight of each of these.
+    fill: f64,
+}
+
+impl Cover {
+    fn new(scene: &Scene, pinhole: &Pinhole, view: usize, seen: &[usize]) -> Self {
+        let cam_from_world = &scene.views[view].cam_from_world;
+        let in_cam = |&index: &usize| cam_from_world.transform(&scene.points[index].x_in_world);
+        let cell = |x_in_cam: &Vector3<f64>| {
+            let pixel = pinhole.intrinsics.project(x_in_cam);
+            let at = |position: f64, side: usize| {
+                (CELLS as f64 * position / side as f64).clamp(0.0, CELLS as f64 - 1.0) as usize
+            };
+            CELLS * at(pixel.y, pinhole.size.height) + at(pixel.x, pinhole.size.width)
+        };
+        let mut inverse_depths: Vec<(f64, f64)> = vec![(0.0, 0.0); CELLS * CELLS];
+        let cells: Vec<usize> = seen.iter().map(|index| cell(&in_cam(index))).collect();
+        for (&cell, index) in cells.iter().zip(seen) {
+            inverse_depths[cell].0 += 1.0;
+            inverse_depths[cell].1 += 1.0 / in_cam(index).z;
+        }
+        let (occupied, empty): (Vec<usize>, Vec<usize>) =
+            (0..CELLS * CELLS).partition(|&cell| inverse_depths[cell].0 > 0.0);
+        let mean = seen.len() as f64 / occupied.len().max(1) as f64;
+        let distance = |a: usize, b: usize| {
+            let (across, down) = ((a % CELLS).abs_diff(b % CELLS), (a / CELLS).abs_diff(b / CELLS));
+            across * across + down * down
+        };
+        let centre = |index: usize, side: usize| (index as f64 + 0.5) / CELLS as f64 * side as f64;
+        let fill = |cell: usize| {
+            let nearest = *occupied.iter().min_by_key(|&&other| distance(cell, other))?;
+            let (count, sum) = inverse_depths[nearest];
+            let pixel = Vector2::new(
+                centre(cell % CELLS, pinhole.size.width),
+                centre(cell / CELLS, pinhole.size.height),
+            );
+            Some(cam_from_world.inverse().transform(&lift(pinhole, &pixel, count / sum)))
+        };
+        Self {
+            weights: cells.into_iter().map(|cell| mean / inverse_depths[cell].0).collect(),
+            fills: empty.into_iter().filter_map(fill).collect(),
+            fill: FILL * mean,
+        }
+    }
 }
 
 /// The candidates that have some of the virtual points of the reference view in their images.
@@ -161,21 +242,34 @@ fn by_geometry(
     let near = nearest_views(centres, view);
     let Some((range, _)) = depth_range::for_view(scene, seen, view, &near) else { return Vec::new() };
     let points = virtual_points(&scene.views[view], &pinholes[view], &range);
-    let forward = scene.views[view].cam_from_world.forward();
+    let between = Between { scene, centres, pinholes, view };
     let candidate = |other: usize| {
-        let cam_from_world = &scene.views[other].cam_from_world;
-        let facing = forward.dot(&cam_from_world.forward());
-        let is_inside = |point: &Vector3<f64>| {
-            facing > 0.0 && pinholes[other].project_inside(&cam_from_world.transform(point)).is_some()
-        };
-        let look = |(number, point): (usize, &Vector3<f64>)| {
-            let (ray, to_other) = (centres[view] - point, centres[other] - point);
-            Look::new(number, facing * angle_score(&ray, &to_other), to_other)
-        };
-        let looks = points.iter().enumerate().filter(|(_, point)| is_inside(point)).map(look).collect();
-        Candidate { view: other, looks }
+        let look = |(number, point)| between.look(other, number, point, 1.0);
+        Candidate { view: other, looks: points.iter().enumerate().filter_map(look).collect() }
     };
     (0..centres.len()).filter(|&other| other != view).map(candidate).collect()
+}
+
+/// A view and its candidates, for points that are not known to be seen.
+struct Between<'a> {
+    scene: &'a Scene,
+    centres: &'a [Vector3<f64>],
+    pinholes: &'a [Pinhole],
+    view: usize,
+}
+
+impl Between<'_> {
+    /// The look of `other` at a virtual point, if it lies in its image.
+    fn look(&self, other: usize, number: usize, point: &Vector3<f64>, weight: f64) -> Option<Look> {
+        let pose = |view: usize| &self.scene.views[view].cam_from_world;
+        let facing = pose(self.view).forward().dot(&pose(other).forward());
+        let is_inside =
+            facing > 0.0 && self.pinholes[other].project_inside(&pose(other).transform(point)).is_some();
+        let (ray, to_other) = (self.centres[self.view] - point, self.centres[other] - point);
+        let likeness = size_score((&self.pinholes[self.view], &ray), (&self.pinholes[other], &to_other));
+        let score = facing * likeness * angle_score(&ray, &to_other);
+        is_inside.then(|| Look::new(number, (weight, score), to_other))
+    }
 }
 
 /// The [`NEAR_VIEWS`] other views whose camera centres are nearest to a view's.
@@ -213,10 +307,18 @@ pub fn angle_score(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     (-0.5 * ((angle - BEST_ANGLE) / deviation).powi(2)).exp()
 }
 
+/// How well a point is seen by a source view that shows it smaller or larger than the reference view does: 1 if as large or up
+/// to 1.6 times as large, else the share of the area. Each view comes with the ray between the point and its camera.
+fn size_score(reference: (&Pinhole, &Vector3<f64>), source: (&Pinhole, &Vector3<f64>)) -> f64 {
+    let size = |(camera, ray): (&Pinhole, &Vector3<f64>)| camera.intrinsics.fx / ray.norm();
+    let ratio = size(source) / size(reference);
+    (ratio.min(1.0) * (LARGER / ratio).min(1.0)).powi(2)
+}
+
 /// At most `count` of the candidates, each the one that adds most to those before it; of equal ones the lower index comes first.
 fn chosen(candidates: Vec<Candidate>, count: usize) -> Vec<Source> {
     let mut left: Vec<(f64, Candidate)> = candidates.into_iter().map(|c| (c.score(), c)).collect();
-    left.retain(|(score, candidate)| *score > NEGLIGIBLE * candidate.looks.len() as f64);
+    left.retain(|(score, candidate)| *score > NEGLIGIBLE * candidate.weight());
     left.sort_by(|(a, _), (b, _)| b.total_cmp(a));
     left.truncate(CANDIDATES * count);
     let points = left.iter().flat_map(|(_, c)| &c.looks).map(|look| look.point + 1).max().unwrap_or(0);
@@ -230,7 +332,7 @@ fn chosen(candidates: Vec<Candidate>, count: usize) -> Vec<Source> {
         next.looks.iter().for_each(|look| look_at[look.point] = Some(look));
         for look in left.iter_mut().flat_map(|(_, candidate)| &mut candidate.looks) {
             if let Some(before) = look_at[look.point] {
-                look.seen += before.score * likeness(&before.direction, &look.direction);
+                look.seen += before.score / before.weight * likeness(&before.direction, &look.direction);
             }
         }
     }
@@ -327,28 +429,54 @@ mod tests {
     #[test]
     fn tracks_are_scored_by_their_angle_and_number() {
         let mut scene = ring(&[0.0, 1.0, 5.0, 20.0, 180.0]);
-        let together = |views: &[usize], count: usize| {
-            vec![SparsePoint { x_in_world: Vector3::zeros(), views: views.to_vec() }; count]
-        };
-        scene.points = together(&[0, 1, 2, 3], 20);
+        scene.points = (0..64).map(|cell| saw(cell, &[0, 1, 2, 3])).collect();
         assert_eq!(select_in(&scene, 9)[0], [2, 3, 1], "5° before 20° before 1°");
         assert_eq!(select_in(&scene, 2)[0], [2, 3]);
-        scene.points.extend(together(&[0, 3], 60));
-        assert_eq!(select_in(&scene, 9)[0], [3, 2, 1], "more points of a wider angle");
+        // However many points there are in a few cells.
+        let few = (0..8).flat_map(|cell| vec![saw(cell, &[0, 1, 2, 3]); 30]);
+        scene.points = few.chain((8..64).map(|cell| saw(cell, &[0, 3]))).collect();
+        assert_eq!(select_in(&scene, 9)[0], [3, 2, 1], "more of the image from a wider angle");
+    }
+
+    /// A point in the plane through the origin, in one of the 8×8 cells of the image of the first view of [`ring`].
+    fn saw(cell: usize, views: &[usize]) -> SparsePoint {
+        let at = |index: usize, side: f64| (index as f64 - 3.5) / 8.0 * side / 60.0;
+        let x_in_world = Vector3::new(at(cell % 8, 640.0), at(cell / 8, 480.0), 0.0);
+        SparsePoint { x_in_world, views: views.to_vec() }
+    }
+
+    #[test]
+    fn sources_that_show_surfaces_smaller_are_worth_less() {
+        let eye = |z: f64| view(0, Vector3::new(0.7, 0.0, z), Vector3::zeros());
+        let mut scene = ring(&[0.0]);
+        scene.views.extend([eye(-26.0), eye(-12.0), eye(-8.0), eye(-3.0)]);
+        scene.points = (0..64).map(|cell| saw(cell, &[0, 1, 2, 3, 4])).collect();
+        let selected = &select(&scene, &[PINHOLE; 5], 4)[0];
+        let score = |view: usize| selected.iter().find(|source| source.view == view).unwrap().score;
+        assert!(
+            score(3) > score(2) && score(2) > 2.0 * score(4) && score(2) > 3.0 * score(1),
+            "{selected:?}"
+        );
+    }
+
+    /// Views behind see the near surfaces at the border, those ahead do not; there no point was found.
+    #[test]
+    fn parts_of_the_image_without_points_want_sources_too() {
+        let at = |z: f64| view(0, Vector3::new(0.0, 0.0, z), Vector3::new(0.0, 0.0, 100.0));
+        let views = vec![at(-10.0), at(-6.0), at(-7.0), at(-14.0)];
+        let is_inside = |cell: usize| (3..5).contains(&(cell % 8)) && (3..5).contains(&(cell / 8));
+        let points = (0..64).filter(|&cell| is_inside(cell)).map(|cell| saw(cell, &[0, 1, 2, 3]));
+        let scene = Scene { views, points: points.flat_map(|point| vec![point; 5]).collect(), pairs: None };
+        assert!(select_in(&scene, 2)[0].contains(&3));
     }
 
     /// Cameras that drive along their axis: the views behind see all that the reference sees, but only those ahead and beside it
     /// see the near surfaces at its border.
     #[test]
     fn sources_together_cover_the_reference_view() {
-        let mut scene = ring(&[0.0, 4.0, 5.0, 6.0, -5.0, 14.0]);
-        let at = |x: f64| Vector3::new(x, 0.0, 0.0);
-        let saw = |x: f64, views: &[usize], count| {
-            vec![SparsePoint { x_in_world: at(x), views: views.to_vec() }; count]
-        };
-        scene.points = saw(0.0, &[0, 1, 2, 3, 4], 50);
-        scene.points.extend(saw(0.5, &[0, 5], 20));
-        assert_eq!(select_in(&scene, 3)[0][0], 2, "the best one first");
+        let mut scene = ring(&[0.0, 4.0, 5.0, 8.0, -5.0, 14.0]);
+        scene.points = (0..44).map(|cell| saw(cell, &[0, 1, 2, 3, 4])).collect();
+        scene.points.extend((44..64).map(|cell| saw(cell, &[0, 5])));
         let three = select_in(&scene, 3)[0].clone();
         assert!(three.contains(&5), "the only one that sees the border: {three:?}");
         assert!(three.contains(&4), "the one from another side, not one more from the same: {three:?}");

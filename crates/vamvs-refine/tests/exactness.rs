@@ -160,7 +160,7 @@ fn a_plane_sweep_finds_surfaces_without_a_seed_and_refinement_goes_on_from_it() 
         let eyes: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
         let range = DepthRange::try_new(2.0, 8.0).unwrap();
         let reference = (&set.photos[0].camera, &set.photos[0].cam_from_world);
-        let planes = Planes::for_views(range, reference, &eyes, (2.0, 192));
+        let planes = Planes::for_views(range, reference, &eyes, &[], (2.0, 192));
         let swept = plane_sweep(&set.photos[0], &photos, &planes, &options).unwrap();
         assert_eq!(swept.depth.size(), common::SIZE);
         let near = |x: usize, y: usize| disparity(swept.depth[(x, y)], set.depth[(2 * x + 1, 2 * y + 1)]);

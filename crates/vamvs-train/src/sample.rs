@@ -361,7 +361,7 @@ fn planes(
     let range = DepthRange::try_new(near, far).unwrap_or(range);
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
     let planes_for_views =
-        Planes::for_views(range, cameras[0], &cameras[1..], (plane_step, options.max_planes));
+        Planes::for_views(range, cameras[0], &cameras[1..], &[], (plane_step, options.max_planes));
     let count = (planes_for_views.count as f64 * rng.random_range(0.7..=1.3)) as usize;
     let count = count.next_multiple_of(8).clamp(8, options.max_planes);
     let spacing = match (planes_for_views.spacing, rng.random_bool(OTHER_SPACING)) {
@@ -459,7 +459,7 @@ pub fn whole(
     let depth = pfm::read_depth(&view.depth)?;
     let range = run_range(&depth, view)?;
     let cameras: Vec<_> = photos.iter().map(|photo| (&photo.camera, &photo.cam_from_world)).collect();
-    let planes = Planes::for_views(range, cameras[0], &cameras[1..], (plane_step, options.max_planes));
+    let planes = Planes::for_views(range, cameras[0], &cameras[1..], &[], (plane_step, options.max_planes));
     let ground_truth = ground_truth(scene, reference, depth, &sources, &cut(view))?;
     let true_visibility = options.true_visibility;
     Ok(Sample { photos, planes, ground_truth, phase: [0.0; 2], true_visibility })

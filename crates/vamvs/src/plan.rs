@@ -169,8 +169,10 @@ impl Planner<'_> {
         let pose = |view: usize| &self.scene.views[view].cam_from_world;
         let others: Vec<_> = sources.iter().map(|&source| (&self.cameras[source], pose(source))).collect();
         let reference = (&self.cameras[view], pose(view));
-        let mut planes =
-            Planes::for_views(range, reference, &others, (self.plane_step, self.options.max_planes));
+        let in_camera = |&point: &usize| pose(view).transform(&self.scene.points[point].x_in_world);
+        let surfaces: Vec<_> = self.seen.by(view).iter().map(in_camera).collect();
+        let steps = (self.plane_step, self.options.max_planes);
+        let mut planes = Planes::for_views(range, reference, &others, &surfaces, steps);
         planes.count = self.options.planes.unwrap_or(planes.count);
         planes.spacing = self.options.spacing.unwrap_or(planes.spacing);
         Ok(ViewPlan { sources, planes, origin, region, foveated: self.options.fovea })
