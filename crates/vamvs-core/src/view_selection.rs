@@ -67,7 +67,10 @@ const LAYERS: usize = 3;
 /// For each view, at most `count` source views, in the order in which they are worth being added. `pinholes` are the undistorted cameras of the scene's
 /// views.
 ///
-/// If the scene has [`Scene::pairs`], they are used. Otherwise sources are scored by MVSNet's score over the tracks. A view that shares fewer than ten points with others is scored by virtual points instead: a grid of pixels,
+/// If the scene has [`Scene::pairs`], they are used. Otherwise sources are scored by MVSNet's score over the tracks, less where they
+/// show a surface at another size than the view does. A track counts for the part of the image that it is alone in, one of 8×8 cells at
+/// most; where a cell has none, its surface is taken to be as far as in the nearest cell that has some. A view that shares fewer than
+/// ten points with others is scored by virtual points instead: a grid of pixels,
 /// back-projected to three depths of the view's [`depth_range::for_view`]. Those that project into the other view's
 /// image count, weighted by the cosine of the angle between the optical axes, because surfaces are seen from one side
 /// only. A view that shares nothing, or is at the same place, is not selected, so lists may be shorter than `count`,

@@ -13,6 +13,7 @@ mod exchange;
 #[cfg(feature = "torch")]
 mod fovea;
 mod fuse;
+mod gauntlet;
 mod info;
 mod mesh;
 mod outside;
