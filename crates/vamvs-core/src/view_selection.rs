@@ -53,7 +53,7 @@ const FEWEST_POINTS: usize = 10;
 const CELLS: usize = 8;
 
 /// What a cell without points counts for, as a share of one with points.
-const FILL: f64 = 0.5;
+const FILL: f64 = 0.1;
 
 /// Number of nearest views from which the depth range of the virtual points is estimated.
 const NEAR_VIEWS: usize = 10;
