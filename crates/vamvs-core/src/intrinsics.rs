@@ -35,8 +35,14 @@ pub enum IntrinsicsError {
         cy: f64,
     },
     /// The matrix has skew or entries below the diagonal.
-    #[error("expected a calibration matrix [fx 0 cx; 0 fy cy; 0 0 1], got {0}")]
+    #[error("expected a calibration matrix [fx 0 cx; 0 fy cy; 0 0 1], got [{}]: write it row by row, without skew", rows(.0))]
     NotUpperTriangular(Matrix3<f64>),
+}
+
+/// The rows of a matrix on one line.
+fn rows(matrix: &Matrix3<f64>) -> String {
+    let row = |row: usize| format!("{} {} {}", matrix[(row, 0)], matrix[(row, 1)], matrix[(row, 2)]);
+    (0..3).map(row).collect::<Vec<_>>().join("; ")
 }
 
 impl Intrinsics {
@@ -59,11 +65,12 @@ impl Intrinsics {
     /// # Errors
     /// If the matrix is singular, not finite or not of the form `[fx 0 cx; 0 fy cy; 0 0 1]`.
     pub fn try_from_matrix(k: &Matrix3<f64>) -> Result<Self, IntrinsicsError> {
+        let given = *k;
         let k = k / k[(2, 2)];
         let negligible = 1e-3 * k[(0, 0)].abs();
         let lower = [k[(0, 1)], k[(1, 0)], k[(2, 0)], k[(2, 1)]];
         if lower.iter().any(|v| v.is_nan() || v.abs() > negligible) {
-            return Err(IntrinsicsError::NotUpperTriangular(k));
+            return Err(IntrinsicsError::NotUpperTriangular(given));
         }
         Self::try_new(k[(0, 0)], k[(1, 1)], k[(0, 2)], k[(1, 2)])
     }

@@ -1,5 +1,7 @@
 //! Cameras that cannot be used among good ones: their views are left out.
 
+use std::error::Error;
+
 use crate::IoError;
 
 /// What could be read, in its place, and what is wrong with the rest.
@@ -18,7 +20,10 @@ pub(crate) fn leave_out<T>(
             Ok(camera) => kept.push(Some(camera)),
             Err(error) if are_all => return Err(error),
             Err(error) => {
-                reasons.push(error.to_string());
+                reasons.push(match error.source() {
+                    Some(source) => format!("{error}: {source}"),
+                    None => error.to_string(),
+                });
                 kept.push(None);
             }
         }

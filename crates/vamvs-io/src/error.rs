@@ -75,7 +75,7 @@ pub enum IoError {
     },
     /// Photographs that the scene's files name are not in the image folder.
     #[error(
-        "{count} of the scene's images missing in {}: {}{}",
+        "{}: half of the scene's photographs or more are missing there, {count}: {}{}; give their folder with --images",
         folder.display(), first.iter().map(|name| crate::names::shown(name)).collect::<Vec<_>>().join(", "), if *count > first.len() { ", …" } else { "" }
     )]
     MissingImages {

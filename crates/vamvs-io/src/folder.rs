@@ -59,12 +59,18 @@ pub(crate) fn warn_of_those_missing(
     if 2 * missing.len() >= all {
         missing_images(folder, missing)?;
     }
-    let first = names::shown(first);
-    let text = format!(
-        "{} of the scene's images are missing, and their views are left out ({first} …)",
-        missing.len()
-    );
-    Ok(Some(text))
+    Ok(Some(format!(
+        "{}: {} of the scene's {all} photographs are missing, and their views are left out ({}{})",
+        folder.display(),
+        missing.len(),
+        names::shown(first),
+        and_more(missing.len())
+    )))
+}
+
+/// What follows the first of `count` names in a message.
+fn and_more(count: usize) -> &'static str {
+    if count > 1 { ", …" } else { "" }
 }
 
 /// Fails if there are `missing` images; the error names the first few of them.
@@ -84,7 +90,8 @@ pub(crate) fn warn_of_unused<'a>(
     let used: BTreeSet<&str> = used.collect();
     let unused: Vec<&String> = found.iter().filter(|name| !used.contains(name.as_str())).collect();
     let first = unused.first()?;
-    Some(format!("{} images have no camera and are not used ({first} …)", unused.len()))
+    let more = and_more(unused.len());
+    Some(format!("{} photographs have no camera and are not used ({first}{more})", unused.len()))
 }
 
 /// Whether `name` is a relative path that stays inside its folder.
@@ -114,7 +121,11 @@ mod tests {
         let found = images(folder.path()).unwrap();
         assert_eq!(found.iter().map(String::as_str).collect::<Vec<_>>(), ["b.JPG", "left/a é.png"]);
         assert_eq!(warn_of_unused(&found, ["b.JPG", "left/a é.png"].into_iter()), None);
-        assert!(warn_of_unused(&found, ["b.JPG"].into_iter()).unwrap().contains("1 images"));
+        assert!(
+            warn_of_unused(&found, ["b.JPG"].into_iter())
+                .unwrap()
+                .contains("1 photographs have no camera and are not used (left/a é.png)")
+        );
     }
 
     #[test]
@@ -125,7 +136,12 @@ mod tests {
         }
         let missing = |names: &[&str]| warn_of_missing(folder.path(), names);
         assert_eq!(missing(&["a.png", "b.png"]).unwrap(), None);
-        assert!(missing(&["a.png", "c.png", "b.png"]).unwrap().unwrap().contains("1 of the scene's images"));
+        assert!(
+            missing(&["a.png", "c.png", "b.png"])
+                .unwrap()
+                .unwrap()
+                .contains("1 of the scene's 3 photographs")
+        );
         assert!(missing(&["b.png", "c.png"]).unwrap_err().to_string().contains("c.png"));
         assert!(
             warn_of_missing(&folder.path().join("d"), &["a.png"]).unwrap_err().to_string().contains("folder")

@@ -120,7 +120,10 @@ fn fitting_size(stored: Size, orientation: Orientation, camera: Size) -> Option<
 }
 
 fn resized_note(path: &Path, image: Size, camera: Size) -> String {
-    format!("{}: the image is {image}, its camera {camera}; the camera was resized", path.display())
+    format!(
+        "{}: the photograph has {image} pixels, its camera is for {camera}: the camera was scaled to the photograph",
+        path.display()
+    )
 }
 
 /// The size of an image as stored, in pixels, read from its header.

@@ -1,6 +1,6 @@
 //! Finds the photographs that a scene's file names by path, and the folder that contains them all.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
 use vamvs_core::{Scene, SparsePoint, View};
@@ -31,10 +31,11 @@ pub(crate) fn locate(file: &Path, named: &[String], images: Option<&Path>) -> Re
         None => with_extension(beside.join(slashes(name))),
     };
     let mut found: Vec<Option<PathBuf>> = named.iter().map(find).collect();
+    let mut taken: BTreeSet<PathBuf> = found.iter().flatten().map(|path| normalised(path)).collect();
     let mut renamed = Vec::new();
     for (name, path) in named.iter().zip(&mut found).filter(|(_, path)| path.is_none()) {
         let inside = images.map_or_else(|| parent(&beside.join(slashes(name))), Path::to_owned);
-        *path = near(&inside, name, images.is_some())?;
+        *path = near(&inside, name, images.is_some())?.filter(|path| taken.insert(normalised(path)));
         renamed.extend(path.as_ref().map(|path| (name.clone(), path.display().to_string())));
     }
     let missing = named.iter().zip(&found).filter(|(_, path)| path.is_none());
@@ -50,7 +51,11 @@ pub(crate) fn locate(file: &Path, named: &[String], images: Option<&Path>) -> Re
     };
     let name = |(path, named): (&Option<PathBuf>, &String)| match path {
         Some(path) => name_in(&common, path),
-        None => Some(slashes(named).rsplit('/').next().unwrap_or_default().to_owned()),
+        // Under its whole path, so that it is not taken for another photograph of the same name.
+        None => {
+            let path = normalised(&images.unwrap_or(beside).join(slashes(named)));
+            Some(name_in(&common, &path).unwrap_or_else(|| slashes(named).trim_start_matches('/').to_owned()))
+        }
     };
     let names: Vec<String> = paths.iter().zip(named).filter_map(name).collect();
     check(file, named, &names)?;
@@ -171,7 +176,9 @@ fn check(file: &Path, named: &[String], names: &[String]) -> Result<(), IoError>
     let mut seen = BTreeMap::new();
     for (name, path) in names.iter().zip(named) {
         if let Some(other) = seen.insert(name, path) {
-            let problem = format!("the photograph {name} is named twice, as {other:?} and {path:?}");
+            let problem = format!(
+                "expected a photograph of its own for each name, found {name} for both {other:?} and {path:?}: keep photographs of one name in their subfolders, or name each once"
+            );
             return Err(IoError::malformed(file, Place::Whole, problem));
         }
     }
@@ -229,7 +236,7 @@ mod tests {
         let found =
             locate(&scene.path().join("list"), &owned(&["1.jpg", "2.jpg", "a/9.jpg", "p3.jpg"]), None)
                 .unwrap();
-        assert_eq!(found.names, ["1.jpg", "2.jpg", "9.jpg", "P\u{200b}3.JPG"]);
+        assert_eq!(found.names, ["1.jpg", "2.jpg", "a/9.jpg", "P\u{200b}3.JPG"]);
         let said = found.warnings.join("; ");
         assert!(
             said.contains("a/9.jpg") && said.contains("p3.jpg is ") && said.contains("u{200b}3.JPG"),
@@ -238,7 +245,20 @@ mod tests {
         let scene = folder_of(&["1.jpg", "list"]);
         let error =
             |named: &[&str]| locate(&scene.path().join("list"), &owned(named), None).unwrap_err().to_string();
-        assert!(error(&["1.jpg", "./1"]).contains("named twice"));
+        assert!(error(&["1.jpg", "./1"]).contains("found 1.jpg for both"));
+        // Photographs of one name in two folders, of which one is missing.
+        let scene = folder_of(&["photos/a/1.jpg", "photos/a/2.jpg", "photos/b/2.jpg"]);
+        let named = owned(&["a/1.jpg", "a/2.jpg", "b/1.jpg", "b/2.jpg"]);
+        let photos = scene.path().join("photos");
+        for (file, images) in [("list", Some(photos.as_path())), ("photos/list", None)] {
+            let found = locate(&scene.path().join(file), &named, images).unwrap();
+            assert_eq!(found.names, named, "{images:?}");
+            assert!(
+                found.warnings.len() == 1 && found.warnings[0].contains("b/1.jpg"),
+                "{:?}",
+                found.warnings
+            );
+        }
     }
 
     #[test]

@@ -57,7 +57,10 @@ pub fn read_scene(transforms: &Path, images: Option<&Path>) -> Result<Loaded, Io
             let points: Vec<_> = ply::read_positions(&file)?.into_iter().map(Vector3::from).collect();
             give_points(&mut scene, &points, &file)
         } else {
-            format!("ply_file_path: {file_name} is not a file, so there are no sparse points")
+            format!(
+                "{}: ply_file_path: {file_name} is not a file; without sparse points depth ranges come from the cameras: add the file, or give --depth-range",
+                path.display()
+            )
         });
     }
     Ok(Loaded { scene, images: folder, masks, warnings, broken })
@@ -203,8 +206,11 @@ fn intrinsics(frame: &Fields, size: Size) -> Result<Intrinsics, IoError> {
         }
         Err(frame.malformed(&format!("{angle}: expected an angle between 0 and π radians, found {radians}")))
     };
-    let fx = focal("fl_x", "camera_angle_x", width)?
-        .ok_or_else(|| frame.malformed("expected fl_x or camera_angle_x, found neither"))?;
+    let fx = focal("fl_x", "camera_angle_x", width)?.ok_or_else(|| {
+        frame.malformed(
+            "expected fl_x or camera_angle_x as a number, found neither (NaN and null count as missing)",
+        )
+    })?;
     let fy = focal("fl_y", "camera_angle_y", height)?.unwrap_or(fx);
     let cx = frame.number("cx")?.unwrap_or(0.5 * width);
     let cy = frame.number("cy")?.unwrap_or(0.5 * height);
@@ -250,8 +256,11 @@ fn panorama(frame: &Fields) -> Result<Option<Rows>, IoError> {
 /// up, ours along +z with y down.
 fn pose(frame: &Fields) -> Result<(Pose, f64), IoError> {
     let problem = |problem: &str| frame.malformed(&format!("transform_matrix: {problem}"));
-    let value = frame.own.get("transform_matrix");
-    let rows = value.and_then(matrix_rows).ok_or_else(|| problem("expected 3 or 4 rows of 4 numbers"))?;
+    let value = frame.own.get("transform_matrix").unwrap_or(&Value::Null);
+    let rows = matrix_rows(value).ok_or_else(|| {
+        let found: String = value.to_string().chars().take(60).collect();
+        problem(&format!("expected 3 or 4 rows of 4 numbers, found {found} (null stands for NaN too)"))
+    })?;
     let world_from_gl = Matrix3::from_fn(|row, column| rows[row][column]);
     let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
     let centre = Vector3::from_fn(|row, _| rows[row][3]);

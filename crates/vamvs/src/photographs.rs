@@ -285,7 +285,7 @@ impl Photographs {
             mask: both(mask, foreground),
             image,
         };
-        Ok((photo, note.map(|note| format!("{}: {note}", view.name))))
+        Ok((photo, note))
     }
 
     /// The size of a photograph that is reduced or enlarged.

@@ -124,8 +124,11 @@ fn say_masks(masks: &Masks, scene: &Scene, progress: &Progress) {
         Masks::Folder(folder) => format!("in {}", folder.display()),
         Masks::Files(_) => "named in the scene's file".to_owned(),
     };
-    let line = format!("masks {place}: {masked} of {views} views have one (--no-masks leaves them out)");
-    if masked == views { progress.say(&line) } else { progress.warn(&line) }
+    let line = format!("masks {place}: {masked} of {views} views have one");
+    match masked == views {
+        true => progress.say(&format!("{line} (--no-masks uses none)")),
+        false => progress.warn(&format!("{line}, the others are used whole (--no-masks uses none)")),
+    }
 }
 
 /// Prints how many views have a plan and, if verbose, what was chosen for each.

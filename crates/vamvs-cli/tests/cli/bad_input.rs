@@ -33,10 +33,14 @@ fn a_missing_photograph_is_named_and_an_extra_one_is_a_warning() {
     let output = scene.run("depth", &QUICK);
     expect_success(&output);
     let said = stderr(&output);
-    assert!(said.contains("1 of the scene's images are missing") && said.contains("0001"), "{said}");
+    assert!(said.contains("1 of the scene's 3 photographs are missing") && said.contains("0001"), "{said}");
     std::fs::remove_file(scene.path("images/0000.png")).unwrap();
     let said = scene.error("depth", &QUICK);
-    assert!(said.contains("2 of the scene's images missing") && said.contains("0001"), "{said}");
+    assert!(
+        said.contains("half of the scene's photographs or more are missing there, 2")
+            && said.contains("0001"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -220,7 +224,7 @@ fn a_missing_photograph_of_a_colmap_model_costs_its_view_alone() {
     assert!(scene.out().join("depths/0001.pfm").exists() && !scene.out().join("depths/0002.pfm").exists());
     assert!(error_of(&depth(&["--strict"])).contains("0002.png"));
     std::fs::remove_file(images.join("0003.png")).unwrap();
-    assert!(error_of(&depth(&[])).contains("2 of the scene's images missing"));
+    assert!(error_of(&depth(&[])).contains("half of the scene's photographs or more are missing there, 2"));
 }
 
 #[test]

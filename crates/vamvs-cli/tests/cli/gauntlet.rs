@@ -31,7 +31,7 @@ const GO_ON: [(&str, Situation, usize, &[&str]); 11] = [
         "a photograph that is missing",
         a_missing_photograph,
         VIEWS - 1,
-        &["1 of the scene's images are missing"],
+        &["1 of the scene's 4 photographs are missing"],
     ),
     ("a camera that is broken", a_broken_camera, VIEWS - 1, &["1 of the scene's 4 cameras cannot be used"]),
     ("camera models of COLMAP 4", |scene| camera_models(scene, ["EUCM", "DIVISION"]), VIEWS, &[]),

@@ -42,8 +42,10 @@ pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError
     let index_of = registered.iter().enumerate().map(|(index, image)| (image.id, index)).collect();
     let (points, dangling) = sparse_points(&index_of, &points);
     if dangling > 0 && broken.is_empty() {
-        warnings
-            .push(format!("{dangling} observations of points are in images that the model does not have"));
+        warnings.push(format!(
+            "{}: {dangling} observation(s) of points are in images that the model does not have, and are not used",
+            model.display()
+        ));
     }
     let view = |image: Image| view(cameras[&image.camera_id], image);
     let views = registered.into_iter().map(view).collect();

@@ -36,7 +36,7 @@ pub fn images(model: &Path) -> Result<PathBuf, IoError> {
     let places = model.ancestors().take(3).map(|folder| folder.join("images"));
     places.into_iter().find(|place| place.is_dir()).ok_or_else(|| {
         let problem =
-            "expected the photographs in images of the model's workspace, found no such folder; give theirs";
+            "expected the photographs in images, in this folder or up to two above, found no such folder: give their folder with --images";
         IoError::malformed(model, Place::Whole, problem)
     })
 }

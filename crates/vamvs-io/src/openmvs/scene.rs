@@ -193,8 +193,13 @@ impl MvsImage {
             None => in_pixels(&intrinsics, size),
         };
         let camera_in_pixels = Camera { size, intrinsics, lens: Lens::None };
-        let pose =
-            |pose: &MvsPose| pose.clone().map_err(|problem| malformed(format!("its pose is {problem}")));
+        let pose = |pose: &MvsPose| {
+            pose.clone().map_err(|problem| {
+                malformed(format!(
+                    "expected a pose, a rotation and a centre, but {problem}; export the scene again"
+                ))
+            })
+        };
         let cam_from_world = pose(&camera.cam_from_platform)?.compose(&pose(platform_from_world)?);
         Ok(View { id: 0, name: name.to_owned(), camera: camera_in_pixels, cam_from_world, depth_range: None })
     }
