@@ -137,6 +137,9 @@ mod tests {
         assert_eq!(error.to_string(), "a b.txt line 3: expected 1, found 2");
         let first = vec!["é.jpg".to_owned(), "b.jpg".to_owned()];
         let error = IoError::MissingImages { folder: "images".into(), count: 7, first };
-        assert_eq!(error.to_string(), "7 of the scene's images missing in images: é.jpg, b.jpg, …");
+        assert_eq!(
+            error.to_string(),
+            "images: half of the scene's photographs or more are missing there, 7: é.jpg, b.jpg, …; give their folder with --images"
+        );
     }
 }
