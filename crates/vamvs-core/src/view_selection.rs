@@ -9,8 +9,12 @@
 //! direction. So surfaces that only few views see, at the border of a photograph or near a camera that drives past them, get
 //! views of their own.
 
+mod cover;
+
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
+
+use cover::Cover;
 
 use crate::{DepthRange, Pinhole, Scene, SeenPoints, Source, View, depth_range, lift::lift};
 
@@ -48,12 +52,6 @@ const CANDIDATES: usize = 4;
 
 /// Source views are scored by camera geometry if the view shares fewer points than this with other views.
 const FEWEST_POINTS: usize = 10;
-
-/// Columns and rows of the cells of an image in which points count together.
-const CELLS: usize = 8;
-
-/// What a cell without points counts for, as a share of one with points.
-const FILL: f64 = 0.1;
 
 /// Number of nearest views from which the depth range of the virtual points is estimated.
 const NEAR_VIEWS: usize = 10;
@@ -165,7 +163,10 @@ fn by_tracks(
     seen: &[usize],
 ) -> Vec<Candidate> {
     let mut looks: Vec<Vec<Look>> = centres.iter().map(|_| Vec::new()).collect();
-    let cover = Cover::new(scene, &pinholes[view], view, seen);
+    let pose = &scene.views[view].cam_from_world;
+    let in_cam: Vec<_> = seen.iter().map(|&index| pose.transform(&scene.points[index].x_in_world)).collect();
+    let cover = Cover::new(&in_cam, &pinholes[view]);
+    let fills: Vec<_> = cover.fills.iter().map(|fill| pose.inverse().transform(fill)).collect();
     for (number, point) in seen.iter().map(|&index| &scene.points[index]).enumerate() {
         let ray = centres[view] - point.x_in_world;
         for &other in point.views.iter().filter(|&&other| other != view) {
@@ -177,62 +178,10 @@ fn by_tracks(
     }
     let between = Between { scene, centres, pinholes, view };
     for (other, looks) in looks.iter_mut().enumerate().filter(|(_, looks)| !looks.is_empty()) {
-        let fills = (seen.len()..).zip(&cover.fills);
+        let fills = (seen.len()..).zip(&fills);
         looks.extend(fills.filter_map(|(number, point)| between.look(other, number, point, cover.fill)));
     }
     looks.into_iter().enumerate().map(|(view, looks)| Candidate { view, looks }).collect()
-}
-
-/// What the points that a view saw count for: they stand for the part of the image around them, however many there are in it.
-struct Cover {
-    /// The weight of each point, 1 in the mean.
-    weights: Vec<f64>,
-    /// Points, in the world, in place of those that parts of the image lack, as far away as the nearest that there are.
-    fills: Vec<Vector3<f64>>,
-    /// The weight of each of these.
-    fill: f64,
-}
-
-impl Cover {
-    fn new(scene: &Scene, pinhole: &Pinhole, view: usize, seen: &[usize]) -> Self {
-        let cam_from_world = &scene.views[view].cam_from_world;
-        let in_cam = |&index: &usize| cam_from_world.transform(&scene.points[index].x_in_world);
-        let cell = |x_in_cam: &Vector3<f64>| {
-            let pixel = pinhole.intrinsics.project(x_in_cam);
-            let at = |position: f64, side: usize| {
-                (CELLS as f64 * position / side as f64).clamp(0.0, CELLS as f64 - 1.0) as usize
-            };
-            CELLS * at(pixel.y, pinhole.size.height) + at(pixel.x, pinhole.size.width)
-        };
-        let mut inverse_depths: Vec<(f64, f64)> = vec![(0.0, 0.0); CELLS * CELLS];
-        let cells: Vec<usize> = seen.iter().map(|index| cell(&in_cam(index))).collect();
-        for (&cell, index) in cells.iter().zip(seen) {
-            inverse_depths[cell].0 += 1.0;
-            inverse_depths[cell].1 += 1.0 / in_cam(index).z;
-        }
-        let (occupied, empty): (Vec<usize>, Vec<usize>) =
-            (0..CELLS * CELLS).partition(|&cell| inverse_depths[cell].0 > 0.0);
-        let mean = seen.len() as f64 / occupied.len().max(1) as f64;
-        let distance = |a: usize, b: usize| {
-            let (across, down) = ((a % CELLS).abs_diff(b % CELLS), (a / CELLS).abs_diff(b / CELLS));
-            across * across + down * down
-        };
-        let centre = |index: usize, side: usize| (index as f64 + 0.5) / CELLS as f64 * side as f64;
-        let fill = |cell: usize| {
-            let nearest = *occupied.iter().min_by_key(|&&other| distance(cell, other))?;
-            let (count, sum) = inverse_depths[nearest];
-            let pixel = Vector2::new(
-                centre(cell % CELLS, pinhole.size.width),
-                centre(cell / CELLS, pinhole.size.height),
-            );
-            Some(cam_from_world.inverse().transform(&lift(pinhole, &pixel, count / sum)))
-        };
-        Self {
-            weights: cells.into_iter().map(|cell| mean / inverse_depths[cell].0).collect(),
-            fills: empty.into_iter().filter_map(fill).collect(),
-            fill: FILL * mean,
-        }
-    }
 }
 
 /// The candidates that have some of the virtual points of the reference view in their images.

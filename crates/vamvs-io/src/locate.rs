@@ -54,7 +54,7 @@ pub(crate) fn locate(file: &Path, named: &[String], images: Option<&Path>) -> Re
         // Under its whole path, so that it is not taken for another photograph of the same name.
         None => {
             let path = normalised(&images.unwrap_or(beside).join(slashes(named)));
-            Some(name_in(&common, &path).unwrap_or_else(|| slashes(named).trim_start_matches('/').to_owned()))
+            name_in(&common, &path).or_else(|| inside(Path::new(&slashes(named))))
         }
     };
     let names: Vec<String> = paths.iter().zip(named).filter_map(name).collect();
@@ -162,9 +162,13 @@ fn common_folder<'a>(files: impl Iterator<Item = &'a PathBuf>) -> PathBuf {
 }
 
 fn name_in(folder: &Path, file: &Path) -> Option<String> {
-    let parts: Option<Vec<&str>> =
-        file.strip_prefix(folder).ok()?.components().map(|part| part.as_os_str().to_str()).collect();
-    Some(parts?.join("/"))
+    inside(file.strip_prefix(folder).ok()?)
+}
+
+/// The path without what leads out of a folder.
+fn inside(path: &Path) -> Option<String> {
+    let parts = path.components().filter(|part| matches!(part, Component::Normal(_)));
+    parts.map(|part| part.as_os_str().to_str()).collect::<Option<Vec<_>>>().map(|parts| parts.join("/"))
 }
 
 /// Refuses photographs that are named twice or have names that are not UTF-8.
@@ -242,6 +246,13 @@ mod tests {
             said.contains("a/9.jpg") && said.contains("p3.jpg is ") && said.contains("u{200b}3.JPG"),
             "{said}"
         );
+        let scene = folder_of(&["photos/1.jpg", "photos/2.jpg", "photos/list"]);
+        let photos = scene.path().join("photos");
+        for images in [None, Some(photos.as_path())] {
+            let named = owned(&["1.jpg", "2.jpg", "../../elsewhere/9.jpg"]);
+            let found = locate(&photos.join("list"), &named, images).unwrap();
+            assert_eq!(found.names, ["1.jpg", "2.jpg", "elsewhere/9.jpg"], "a name inside the folder");
+        }
         let scene = folder_of(&["1.jpg", "list"]);
         let error =
             |named: &[&str]| locate(&scene.path().join("list"), &owned(named), None).unwrap_err().to_string();

@@ -116,7 +116,7 @@ impl Fields<'_> {
 
 fn read_object(path: &Path) -> Result<Map<String, Value>, IoError> {
     let text = std::fs::read(path).map_err(IoError::system("open", path))?;
-    let text = with_numbers_only(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&text));
+    let text = with_words_quoted(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&text));
     let value: Value = serde_json::from_slice(&text)
         .map_err(|error| IoError::malformed(path, Place::Line(error.line()), error))?;
     match value {
@@ -130,20 +130,22 @@ fn read_object(path: &Path) -> Result<Map<String, Value>, IoError> {
     }
 }
 
-/// The text with `null` for the words `NaN`, `Infinity` and `-Infinity`, which Python writes and JSON does not have.
-fn with_numbers_only(text: &[u8]) -> Vec<u8> {
+/// The text with the words `NaN`, `Infinity` and `-Infinity`, which Python writes and JSON does not have, in quotation marks: a field
+/// that is one of them is not a number, and not missing either.
+fn with_words_quoted(text: &[u8]) -> Vec<u8> {
     const WORDS: [&[u8]; 3] = [b"NaN", b"Infinity", b"-Infinity"];
     let (mut kept, mut rest, mut in_string) = (Vec::with_capacity(text.len()), text, false);
     while let Some(&byte) = rest.first() {
         let word = WORDS.into_iter().find(|word| !in_string && rest.starts_with(word));
-        let (length, written) = match (word, byte) {
-            (Some(word), _) => (word.len(), &b"null"[..]),
+        let mark: &[u8] = if word.is_some() { b"\"" } else { b"" };
+        let length = match (word, byte) {
+            (Some(word), _) => word.len(),
             // An escaped character, which may be a quotation mark.
-            (None, b'\\') => (rest.len().min(2), &rest[..rest.len().min(2)]),
-            (None, _) => (1, &rest[..1]),
+            (None, b'\\') => rest.len().min(2),
+            (None, _) => 1,
         };
         in_string ^= byte == b'"';
-        kept.extend_from_slice(written);
+        [mark, &rest[..length], mark].into_iter().for_each(|part| kept.extend_from_slice(part));
         rest = &rest[length..];
     }
     kept
@@ -206,11 +208,8 @@ fn intrinsics(frame: &Fields, size: Size) -> Result<Intrinsics, IoError> {
         }
         Err(frame.malformed(&format!("{angle}: expected an angle between 0 and π radians, found {radians}")))
     };
-    let fx = focal("fl_x", "camera_angle_x", width)?.ok_or_else(|| {
-        frame.malformed(
-            "expected fl_x or camera_angle_x as a number, found neither (NaN and null count as missing)",
-        )
-    })?;
+    let fx = focal("fl_x", "camera_angle_x", width)?
+        .ok_or_else(|| frame.malformed("expected fl_x or camera_angle_x, found neither"))?;
     let fy = focal("fl_y", "camera_angle_y", height)?.unwrap_or(fx);
     let cx = frame.number("cx")?.unwrap_or(0.5 * width);
     let cy = frame.number("cy")?.unwrap_or(0.5 * height);
@@ -259,7 +258,7 @@ fn pose(frame: &Fields) -> Result<(Pose, f64), IoError> {
     let value = frame.own.get("transform_matrix").unwrap_or(&Value::Null);
     let rows = matrix_rows(value).ok_or_else(|| {
         let found: String = value.to_string().chars().take(60).collect();
-        problem(&format!("expected 3 or 4 rows of 4 numbers, found {found} (null stands for NaN too)"))
+        problem(&format!("expected 3 or 4 rows of 4 numbers, found {found}"))
     })?;
     let world_from_gl = Matrix3::from_fn(|row, column| rows[row][column]);
     let flip = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));

@@ -241,6 +241,9 @@ fn one_frame_of_three_without_a_pose_is_left_out_with_a_warning() {
     let transforms = json!({"fl_x": 10.0, "frames": frames, "note": "\\\" NaN"}).to_string();
     let path = files.save("transforms.json", &transforms.replace("\"HERE\"", "-Infinity"));
     let loaded = nerfstudio::read_scene(&path, None).unwrap();
+    let path = files
+        .save("transforms.json", &transforms.replace("\"HERE\"", "0.0").replace("10.0", "10.0,\"cx\":NaN"));
+    assert!(error(nerfstudio::read_scene(&path, None)).contains("cx: expected a number, found \"NaN\""));
     let names: Vec<&str> = loaded.scene.views.iter().map(|view| view.name.as_str()).collect();
     assert_eq!(names, ["a.png", "c.png"]);
     let said = loaded.warnings.join("; ");
