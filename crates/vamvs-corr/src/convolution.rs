@@ -56,19 +56,24 @@ impl Kernel {
 
 /// A run of inputs along a row of the kernel: where it begins, relative to the place of the output, and its pixels.
 #[derive(Clone, Copy, Debug)]
-struct Tap {
-    z: isize,
-    y: isize,
-    x: isize,
-    pixels: usize,
+pub struct Tap {
+    /// Planes from the place of the output.
+    pub z: isize,
+    /// Rows from there.
+    pub y: isize,
+    /// Pixels from there to the first.
+    pub x: isize,
+    /// Pixels of the run.
+    pub pixels: usize,
 }
 
 /// Taps with their weights.
 #[derive(Clone, Debug)]
-struct Pass {
-    taps: Vec<Tap>,
+pub struct Pass {
+    /// The runs.
+    pub taps: Vec<Tap>,
     /// For each block of output channels and each tap, (pixels · inputs, lanes).
-    panels: Vec<f32>,
+    pub panels: Vec<f32>,
 }
 
 impl Pass {
@@ -105,22 +110,26 @@ impl Pass {
 /// A convolution, or a transposed one of stride 2, ready to run.
 #[derive(Clone, Debug)]
 pub struct Convolution {
-    inputs: usize,
-    outputs: usize,
+    /// Channels of the input.
+    pub inputs: usize,
+    /// Channels of the output.
+    pub outputs: usize,
     /// Output channels in a register.
-    lanes: usize,
-    /// Of the input from one output to the next.
-    stride: usize,
+    pub lanes: usize,
+    /// Pixels of the input from one output to the next.
+    pub stride: usize,
     /// What the sides of the output are less than those of the input, before the stride.
     narrower: [isize; 3],
     /// One, or for a transposed convolution one for each parity of the output's z, y and x.
-    passes: Vec<Pass>,
-    doubles: bool,
-    shift: Vec<f32>,
+    pub passes: Vec<Pass>,
+    /// Whether it is a transposed one.
+    pub doubles: bool,
+    /// Added to each output; whole registers.
+    pub shift: Vec<f32>,
 }
 
 impl Convolution {
-    pub fn new(kernel: &Kernel, moves: Moves) -> Self {
+    pub(crate) fn new(kernel: &Kernel, moves: Moves) -> Self {
         let Moves { stride, padding, dilation } = moves;
         let places: [Vec<(usize, isize)>; 3] = std::array::from_fn(|axis| {
             let offset = |place: usize| (place * dilation) as isize - padding[axis] as isize;
@@ -136,7 +145,7 @@ impl Convolution {
 
     /// A transposed convolution with a kernel of 3×3×3 that doubles each side (stride 2, padding 1, output padding 1). Along an
     /// axis, output 2k is w₁ x[k], and output 2k + 1 is w₂ x[k] + w₀ x[k + 1].
-    pub fn doubling(kernel: &Kernel) -> Self {
+    pub(crate) fn doubling(kernel: &Kernel) -> Self {
         assert_eq!(kernel.sides, [3; 3], "a kernel that doubles has 3×3×3 places");
         let kernel = kernel.transposed();
         let lanes = lanes_for(kernel.outputs);
@@ -153,8 +162,9 @@ impl Convolution {
         Self { inputs, outputs, lanes, stride, narrower, passes, doubles: false, shift }
     }
 
-    /// The sides of the output for an input of these sides.
-    fn sides(&self, input: [usize; 3]) -> [usize; 3] {
+    /// The sides of the output, [planes, height, width], for an input of these sides.
+    #[must_use]
+    pub fn sides(&self, input: [usize; 3]) -> [usize; 3] {
         if self.doubles {
             return input.map(|side| 2 * side);
         }

@@ -12,7 +12,7 @@ use crate::weights::{Shape, Weights};
 use crate::wide::{add, exp};
 
 /// Planes between two depths beyond which they are just different.
-const REACH: f32 = 4.0;
+pub const REACH: f32 = 4.0;
 
 /// Channels of what is seen around a pixel.
 const LOOKED: usize = 16;
@@ -23,13 +23,16 @@ const INPUTS: usize = LOOKED + 3 * 9;
 /// Which of the nine coarse pixels around a pixel is of the same surface (as in RAFT, Teed and Deng, ECCV 2020).
 #[derive(Debug)]
 pub struct Enlarge {
-    look: Convolution,
-    weigh: Convolution,
-    choose: Convolution,
+    /// What is seen around a pixel.
+    pub look: Convolution,
+    /// Of that, and of what tells the nine coarse pixels around it from each other.
+    pub weigh: Convolution,
+    /// The logarithms of their shares, beside those of bilinear interpolation.
+    pub choose: Convolution,
 }
 
 impl Enlarge {
-    pub fn new(weights: &Weights) -> Result<Self, CorrError> {
+    pub(crate) fn new(weights: &Weights) -> Result<Self, CorrError> {
         let layer = |part: &str, inputs, outputs, side| {
             weights.bare(&format!("enlarge_net.{part}"), Shape::image(inputs, outputs, side), true)
         };
@@ -78,7 +81,8 @@ impl Enlarge {
 }
 
 /// The logarithms of the shares of bilinear interpolation, plus a hundredth, of the pixel (x, y) of a block of two by two.
-fn bilinear(x: usize, y: usize) -> [f32; 9] {
+#[must_use]
+pub fn bilinear(x: usize, y: usize) -> [f32; 9] {
     const SIDES: [[f32; 3]; 2] = [[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]];
     std::array::from_fn(|k| (SIDES[y][k / 3] * SIDES[x][k % 3] + 0.01).ln())
 }

@@ -10,7 +10,9 @@
 mod convolution;
 mod enlarge;
 pub mod error;
+pub mod estimate;
 mod lanes;
+pub mod layers;
 mod map;
 pub mod network;
 mod plane_map;
@@ -24,6 +26,7 @@ pub mod weights;
 mod wide;
 
 pub use error::CorrError;
-pub use network::{Estimate, Network, Stage};
+pub use estimate::{Estimate, Found};
+pub use network::{Network, Stage};
 pub use view::EncodedView;
 pub use weights::Manifest;

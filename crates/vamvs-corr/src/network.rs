@@ -1,46 +1,24 @@
 //! The network: photographs in, a depth map out.
 
 use rayon::prelude::*;
-use vamvs_core::{DepthMap, Grid, MonotoneMap, Photo, Pinhole, Planes, Size};
+use vamvs_core::{MonotoneMap, Photo, Planes, Size};
 
 use crate::CorrError;
-use crate::convolution::Convolution;
-use crate::enlarge::Enlarge;
+use crate::estimate::{Estimate, Found};
+use crate::layers::Layers;
 use crate::map::Map;
 use crate::plane_map::{PlaneMap, enlarged_depth};
-use crate::pyramid::{BLOCK, CHANNELS, Pyramid, STRIDE, positive};
-use crate::surface::Surface;
-use crate::sweep::{GROUPS, Placed, PlaneDepth, Sweep};
-use crate::to_one::ToOne;
+use crate::pyramid::{BLOCK, CHANNELS, STRIDE, positive};
+use crate::sweep::{GROUPS, Placed, Sweep};
 use crate::view::EncodedView;
-use crate::volume_net::VolumeNet;
-use crate::weights::{Cascade, Manifest, Shape, Weights};
+use crate::weights::{Cascade, Manifest, Weights};
 use crate::wide::sigmoid;
-
-/// Pixels that are less likely than this to show a surface have no depth.
-const LEAST_SURFACE: f32 = 0.5;
 
 /// The network.
 #[derive(Debug)]
 pub struct Network {
     manifest: Manifest,
-    pyramid: Pyramid,
-    seen: ([Convolution; 2], ToOne),
-    coarse: VolumeNet,
-    fine: VolumeNet,
-    enlarge: Enlarge,
-    surface: Surface,
-}
-
-/// A depth map, and what else the network tells.
-#[derive(Clone, Debug)]
-pub struct Estimate {
-    /// The depth map, its camera of its own size: a quarter of the photograph's. Where there is likely no surface, its depth is 0.
-    pub map: DepthMap,
-    /// The probability that a pixel shows a surface inside the depth range.
-    pub surface: Grid<f32>,
-    /// For each source view, how likely it sees each pixel.
-    pub visibility: Vec<Grid<f32>>,
+    layers: Layers,
 }
 
 /// A stage of the network, for whom it tells where the time went.
@@ -59,20 +37,13 @@ impl Network {
     /// If the file is damaged, or of another network.
     pub fn new(bytes: &[u8]) -> Result<Self, CorrError> {
         let (weights, manifest) = Weights::read(bytes)?;
-        let image = Shape::image;
-        let seen = [
-            weights.layer("seen.0", image(2 * GROUPS, 16, 3), 1)?,
-            weights.layer("seen.1", image(16, 16, 3), 1)?,
-        ];
-        Ok(Self {
-            pyramid: Pyramid::new(&weights)?,
-            seen: (seen, weights.to_one("seen.2", image(16, 1, 1), true)?),
-            coarse: VolumeNet::new(&weights, "volume")?,
-            fine: VolumeNet::new(&weights, "fine")?,
-            enlarge: Enlarge::new(&weights)?,
-            surface: Surface::new(&weights)?,
-            manifest,
-        })
+        Ok(Self { layers: Layers::new(&weights)?, manifest })
+    }
+
+    /// Its layers.
+    #[must_use]
+    pub fn layers(&self) -> &Layers {
+        &self.layers
     }
 
     /// What the file says of the network.
@@ -92,7 +63,7 @@ impl Network {
     /// # Errors
     /// If it is smaller than 32×32 pixels.
     pub fn encode(&self, photo: &Photo) -> Result<EncodedView, CorrError> {
-        EncodedView::new(&self.pyramid, photo)
+        EncodedView::new(&self.layers.pyramid, photo)
     }
 
     /// The depth map of a reference view from source views on planes. `time` runs what it is given and may measure it.
@@ -106,16 +77,11 @@ impl Network {
         planes: &Planes,
         time: &mut dyn FnMut(Stage, &mut dyn FnMut()),
     ) -> Result<Estimate, CorrError> {
-        if sources.is_empty() {
-            return Err(CorrError::Request("a depth map needs at least one source view".to_owned()));
-        }
-        if planes.count < 2 {
-            return Err(CorrError::Request(format!("a sweep needs at least 2 planes, got {}", planes.count)));
-        }
+        check_request(sources.len(), planes)?;
         let (coarse, masks) = self.coarse(reference, sources, planes, time);
         let around = {
             let u = coarse.as_image(&coarse.u);
-            enlarged_depth(&u, &self.enlarge.shares(&u, reference.coarse(), reference.fine()))
+            enlarged_depth(&u, &self.layers.enlarge.shares(&u, reference.coarse(), reference.fine()))
         };
         let [_, height, width] = reference.fine().sides();
         let enlarged = |values: &[f32]| coarse.as_image(values).enlarged([1, height, width]).values;
@@ -128,7 +94,7 @@ impl Network {
         let correlation = strongest(&volume);
         let mut fine = None;
         time(Stage::Regularize, &mut || {
-            let costs = self.fine.costs(&volume, reference.fine());
+            let costs = self.layers.fine.costs(&volume, reference.fine());
             fine = Some(PlaneMap::of(&costs, (width, height), self.manifest.window));
         });
         let mut fine = fine.expect("the closure has run");
@@ -144,8 +110,10 @@ impl Network {
             let confidence = fine.confidence[at];
             [coarse_confidence[at], spread[at], confidence, correlation[at], mean_mask(at), fine.u[at] / last]
         };
-        let surface = self.surface.probability(evidence, reference.fine());
-        Ok(self.kept(reference, planes, &Stages { fine, coarse_confidence, surface, masks }))
+        let surface = self.layers.surface.probability(evidence, reference.fine());
+        let PlaneMap { width, height, u, confidence, .. } = fine;
+        let found = Found { padded: Size::new(width, height), u, confidence, coarse_confidence, surface, masks };
+        Ok(found.estimate(&self.manifest, (reference.camera(), reference.cam_from_world()), planes))
     }
 
     /// The first stage: the map of all planes in the photograph at half its size, and what each source view sees of it.
@@ -166,7 +134,7 @@ impl Network {
         let mut map = None;
         time(Stage::Regularize, &mut || {
             let size = (volume.width, volume.height);
-            let costs = self.coarse.costs(&volume, reference.coarse());
+            let costs = self.layers.coarse.costs(&volume, reference.coarse());
             map = Some(PlaneMap::of(&costs, size, self.manifest.window));
         });
         (map.expect("the closure has run"), masks)
@@ -174,48 +142,9 @@ impl Network {
 
     /// What a source view sees, (h, w) in [0, 1], from its pooled correlations.
     fn visibility(&self, pooled: &Map) -> Vec<f32> {
-        let ([first, second], last) = &self.seen;
+        let ([first, second], last) = &self.layers.seen;
         let looked = second.run(&first.run(pooled, positive), positive);
         last.run(&looked, |_, values| values.iter_mut().for_each(|value| *value = sigmoid(*value)))
-    }
-
-    /// The result without the padding: where there may be no surface, there is less confidence in a depth; where there likely is
-    /// none, there is no depth.
-    fn kept(&self, reference: &EncodedView, planes: &Planes, stages: &Stages) -> Estimate {
-        let Stages { fine, coarse_confidence, surface, masks } = stages;
-        let full = reference.camera().size;
-        let size = Size::new(full.width / STRIDE, full.height / STRIDE);
-        let grid = |values: &[f32]| Grid::from_fn(size, |x, y| values[y * fine.width + x]);
-        let depth_of = PlaneDepth::new(planes);
-        let (near, surface) = (planes.range.near as f32, grid(surface));
-        let mut depth = grid(&fine.u).map(|&u| near * depth_of.of(u));
-        let coarse_confidence = grid(coarse_confidence);
-        let calibrated = |value: f32| match self.calibration() {
-            Some(map) => map.at(f64::from(value)) as f32,
-            None => value,
-        };
-        let mut confidence = Grid::from_fn(size, |x, y| {
-            calibrated(fine.confidence[y * fine.width + x] * coarse_confidence[(x, y)])
-        });
-        let pixels = depth.data_mut().iter_mut().zip(confidence.data_mut()).zip(surface.data());
-        for ((depth, confidence), surface) in pixels {
-            *confidence *= surface;
-            if *surface < LEAST_SURFACE {
-                (*depth, *confidence) = (0.0, 0.0);
-            }
-        }
-        let ratio = 1.0 / STRIDE as f64;
-        Estimate {
-            map: DepthMap {
-                camera: Pinhole { size, intrinsics: reference.camera().intrinsics.scaled(ratio, ratio) },
-                cam_from_world: reference.cam_from_world(),
-                depth,
-                confidence,
-                coarse_confidence: Some(coarse_confidence),
-            },
-            surface,
-            visibility: masks.iter().map(|mask| grid(mask)).collect(),
-        }
     }
 
     /// The peak memory of a depth map from `views` photographs of `size` pixels with `planes` planes, their features included,
@@ -239,12 +168,18 @@ impl Network {
     }
 }
 
-/// What the stages tell, with the padding.
-struct Stages {
-    fine: PlaneMap,
-    coarse_confidence: Vec<f32>,
-    surface: Vec<f32>,
-    masks: Vec<Vec<f32>>,
+/// Checks that a depth map can be made from so many source views on planes.
+///
+/// # Errors
+/// If there are no source views, or fewer than two planes.
+pub fn check_request(sources: usize, planes: &Planes) -> Result<(), CorrError> {
+    if sources == 0 {
+        return Err(CorrError::Request("a depth map needs at least one source view".to_owned()));
+    }
+    if planes.count < 2 {
+        return Err(CorrError::Request(format!("a sweep needs at least 2 planes, got {}", planes.count)));
+    }
+    Ok(())
 }
 
 /// The largest mean correlation over the planes, (h, w).

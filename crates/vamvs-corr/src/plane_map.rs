@@ -91,7 +91,7 @@ widened!(row_of => row_of_costs(
 ));
 
 /// Depths that differ by more than this are of different surfaces; plane distances.
-const ONE_SURFACE: f32 = 1.0;
+pub const ONE_SURFACE: f32 = 1.0;
 
 /// The depth map `u` at twice its size: for each pixel, with its shares of the 3×3 pixels around it, the mean of the likeliest and of
 /// those on one surface with it, so that no pixel lies between two surfaces.

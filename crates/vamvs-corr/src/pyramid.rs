@@ -18,23 +18,29 @@ pub const STRIDE: usize = 4;
 /// Images are padded to multiples of this.
 pub const BLOCK: usize = 8;
 
-/// The layers.
+/// The layers of the features, each but the last ones with a ReLU.
 #[derive(Debug)]
 pub struct Pyramid {
     /// From the image to 1/2, 1/4, 1/8; the first layer of each halves.
-    down: [Vec<Convolution>; 3],
+    pub down: [Vec<Convolution>; 3],
     /// To 1/16 and 1/32; odd sides are made even before.
-    deep: [Vec<Convolution>; 2],
-    up4: Convolution,
-    up3: Convolution,
-    side3: Convolution,
-    up2: Convolution,
-    side2: Convolution,
-    out2: Convolution,
+    pub deep: [Vec<Convolution>; 2],
+    /// From 1/32, enlarged onto 1/16.
+    pub up4: Convolution,
+    /// From 1/16, enlarged onto `side3`.
+    pub up3: Convolution,
+    /// Of 1/8.
+    pub side3: Convolution,
+    /// From 1/8, enlarged onto `side2`.
+    pub up2: Convolution,
+    /// Of 1/4.
+    pub side2: Convolution,
+    /// The features.
+    pub out2: Convolution,
 }
 
 impl Pyramid {
-    pub fn new(weights: &Weights) -> Result<Self, CorrError> {
+    pub(crate) fn new(weights: &Weights) -> Result<Self, CorrError> {
         let layer = |name: &str, inputs: usize, outputs: usize, side: usize| {
             weights.layer(
                 &format!("pyramid.{name}"),

@@ -19,14 +19,18 @@ const INPUTS: usize = LOOKED + EVIDENCE;
 /// How likely a pixel shows a surface inside the depth range, and not sky or what lies beyond.
 #[derive(Debug)]
 pub struct Surface {
-    look: Convolution,
-    weigh: Convolution,
-    wide: Convolution,
-    judge: ToOne,
+    /// What is seen around a pixel.
+    pub look: Convolution,
+    /// Of that, and of what the volumes tell.
+    pub weigh: Convolution,
+    /// Beside the identity.
+    pub wide: Convolution,
+    /// The probability, before the sigmoid.
+    pub judge: ToOne,
 }
 
 impl Surface {
-    pub fn new(weights: &Weights) -> Result<Self, CorrError> {
+    pub(crate) fn new(weights: &Weights) -> Result<Self, CorrError> {
         let name = |part: &str| format!("surface_net.{part}");
         Ok(Self {
             look: weights.bare(&name("look"), Shape::image(CHANNELS, LOOKED, 3), true)?,

@@ -15,10 +15,10 @@ use crate::wide::widened;
 pub const GROUPS: usize = 8;
 
 /// The weight that a view counts for which sees nothing, so that no weights add up to zero.
-const UNSEEN: f32 = 1e-3;
+pub const UNSEEN: f32 = 1e-3;
 
 /// A point whose depth in a camera is below this counts as behind it; in units of the nearest depth searched.
-const BEHIND: f32 = 1e-3;
+pub const BEHIND: f32 = 1e-3;
 
 /// A camera whose photograph has features.
 #[derive(Clone, Copy, Debug)]
@@ -54,12 +54,17 @@ enum Depths<'a> {
 /// positive and finite.
 #[derive(Clone, Copy, Debug)]
 pub struct PlaneDepth {
-    slope: f32,
-    least: f32,
-    is_inverse: bool,
+    /// Of the depth, or of its inverse, from one plane to the next.
+    pub slope: f32,
+    /// The least depth, or inverse depth.
+    pub least: f32,
+    /// Whether planes are uniform in inverse depth.
+    pub is_inverse: bool,
 }
 
 impl PlaneDepth {
+    /// That of a sweep's planes.
+    #[must_use]
     pub fn new(planes: &Planes) -> Self {
         let (last, ratio) = ((planes.count - 1) as f64, planes.range.far / planes.range.near);
         let is_inverse = planes.spacing == Spacing::InverseDepth;
@@ -68,7 +73,7 @@ impl PlaneDepth {
     }
 
     #[inline(always)]
-    pub fn of(self, u: f32) -> f32 {
+    pub(crate) fn of(self, u: f32) -> f32 {
         let along = u.mul_add(self.slope, 1.0).max(self.least);
         if self.is_inverse { 1.0 / along } else { along }
     }

@@ -11,19 +11,23 @@ use crate::wide::widened;
 /// A convolution of stride 1 to one channel. Its products are summed over lanes of input channels.
 #[derive(Clone, Debug)]
 pub struct ToOne {
-    inputs: usize,
-    padding: [usize; 3],
-    sides: [usize; 3],
+    /// Channels of the input.
+    pub inputs: usize,
+    /// Zeros before and after, along z, y and x.
+    pub padding: [usize; 3],
+    /// Sides of the kernel.
+    pub sides: [usize; 3],
     /// (kz, ky, kx, inputs)
-    weights: Vec<f32>,
-    shift: f32,
+    pub weights: Vec<f32>,
+    /// Added to the output.
+    pub shift: f32,
 }
 
 /// Lanes of [`ToOne`].
 const LANES: usize = 8;
 
 impl ToOne {
-    pub fn new(kernel: &Kernel, padding: [usize; 3]) -> Self {
+    pub(crate) fn new(kernel: &Kernel, padding: [usize; 3]) -> Self {
         let Kernel { outputs, inputs, sides, .. } = *kernel;
         assert!(outputs == 1 && inputs % LANES == 0, "one channel from multiples of {LANES}");
         let [depth, height, width] = sides;

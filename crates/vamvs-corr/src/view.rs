@@ -24,11 +24,7 @@ pub struct EncodedView {
 
 impl EncodedView {
     pub(crate) fn new(pyramid: &Pyramid, photo: &Photo) -> Result<Self, CorrError> {
-        let size = photo.camera.size;
-        if size.width < LEAST_SIDE || size.height < LEAST_SIDE {
-            let problem = format!("a photograph of {size} pixels is too small: expected at least 32×32");
-            return Err(CorrError::Request(problem));
-        }
+        check_size(photo.camera.size)?;
         let image = pyramid::image(&photo.image);
         let half = image.halved();
         let sides = [1, half.height / STRIDE, half.width / STRIDE];
@@ -81,16 +77,7 @@ impl EncodedView {
     /// # Errors
     /// If the region is empty or outside of the image.
     pub fn cropped(&self, region: &PixelBox) -> Result<(Self, PixelBox), CorrError> {
-        let outer = PixelBox {
-            x0: region.x0 / BLOCK * BLOCK,
-            y0: region.y0 / BLOCK * BLOCK,
-            x1: region.x1.next_multiple_of(BLOCK).min(self.padded.width),
-            y1: region.y1.next_multiple_of(BLOCK).min(self.padded.height),
-        };
-        if outer.x0 >= outer.x1 || outer.y0 >= outer.y1 {
-            let problem = format!("the region {region:?} is empty or outside the {} image", self.camera.size);
-            return Err(CorrError::Request(problem));
-        }
+        let outer = whole_blocks(region, (self.padded, self.camera.size))?;
         let padded = Size::new(outer.x1 - outer.x0, outer.y1 - outer.y0);
         let part = |map: &Map, stride: usize| {
             map.part((outer.x0 / stride, outer.y0 / stride), (padded.width / stride, padded.height / stride))
@@ -101,4 +88,34 @@ impl EncodedView {
         let (fine, coarse) = (part(&self.fine, STRIDE), part(&self.coarse, 2 * STRIDE));
         Ok((Self { camera, cam_from_world: self.cam_from_world, padded, fine, coarse }, outer))
     }
+}
+
+/// The region extended outwards to multiples of 8 pixels, of a photograph with a size with its padding and one without.
+///
+/// # Errors
+/// If it is empty or outside of the photograph.
+pub fn whole_blocks(region: &PixelBox, (padded, size): (Size, Size)) -> Result<PixelBox, CorrError> {
+    let outer = PixelBox {
+        x0: region.x0 / BLOCK * BLOCK,
+        y0: region.y0 / BLOCK * BLOCK,
+        x1: region.x1.next_multiple_of(BLOCK).min(padded.width),
+        y1: region.y1.next_multiple_of(BLOCK).min(padded.height),
+    };
+    if outer.x0 >= outer.x1 || outer.y0 >= outer.y1 {
+        let problem = format!("the region {region:?} is empty or outside the {size} image");
+        return Err(CorrError::Request(problem));
+    }
+    Ok(outer)
+}
+
+/// Checks that a photograph is not too small for the network.
+///
+/// # Errors
+/// If a side is smaller than 32 pixels.
+pub fn check_size(size: Size) -> Result<(), CorrError> {
+    if size.width < LEAST_SIDE || size.height < LEAST_SIDE {
+        let problem = format!("a photograph of {size} pixels is too small: expected at least 32×32");
+        return Err(CorrError::Request(problem));
+    }
+    Ok(())
 }

@@ -19,35 +19,53 @@ const GATE_WIDTHS: [usize; 4] = [16, 32, 48, 64];
 const SLAB: usize = 16;
 
 /// The sides of a volume are padded to multiples of this.
-const BLOCK: usize = 8;
+pub const BLOCK: usize = 8;
 
 /// Factors for the channels of the volume, from the features of the reference view (guided cost-volume excitation,
 /// Bangunharcana et al., IROS 2021).
 #[derive(Debug)]
-struct Gates {
-    sides: [Convolution; 4],
-    last8: Convolution,
-    ups: [Convolution; 3],
-    heads: Vec<Convolution>,
+pub struct Gates {
+    /// Of the features at full resolution, then from each level to the next, half as large; the first and the second see the features.
+    pub sides: [Convolution; 4],
+    /// The last one of 1/8.
+    pub last8: Convolution,
+    /// From 1/2, 1/4 and 1/8 to the level above.
+    pub ups: [Convolution; 3],
+    /// To the factors, from full resolution, 1/2, 1/4, 1/8, and once more 1/2 and 1/4.
+    pub heads: Vec<Convolution>,
 }
 
-/// The network.
+/// The U-Net of a volume.
 #[derive(Debug)]
 pub struct VolumeNet {
-    gates: Gates,
-    same: Convolution,
-    scale2: Convolution,
-    scale2_same: Convolution,
-    scale4: Convolution,
-    scale4_same: Convolution,
-    scale8: Convolution,
-    scale8_same: Convolution,
-    deep4: [Convolution; 2],
-    deep8: [[Convolution; 2]; 2],
-    up4: Convolution,
-    up2: Convolution,
-    up1: Convolution,
-    last: ToOne,
+    /// The factors of its channels.
+    pub gates: Gates,
+    /// Beside all others, at full resolution.
+    pub same: Convolution,
+    /// To 1/2.
+    pub scale2: Convolution,
+    /// At 1/2.
+    pub scale2_same: Convolution,
+    /// To 1/4.
+    pub scale4: Convolution,
+    /// At 1/4.
+    pub scale4_same: Convolution,
+    /// To 1/8.
+    pub scale8: Convolution,
+    /// At 1/8.
+    pub scale8_same: Convolution,
+    /// Beside the identity, at 1/4.
+    pub deep4: [Convolution; 2],
+    /// Beside the identity, twice, at 1/8.
+    pub deep8: [[Convolution; 2]; 2],
+    /// To 1/4.
+    pub up4: Convolution,
+    /// To 1/2.
+    pub up2: Convolution,
+    /// To full resolution.
+    pub up1: Convolution,
+    /// To the costs.
+    pub last: ToOne,
 }
 
 impl Gates {
@@ -101,7 +119,7 @@ impl Gates {
 
 impl VolumeNet {
     /// The network `name` of the weights.
-    pub fn new(weights: &Weights, name: &str) -> Result<Self, CorrError> {
+    pub(crate) fn new(weights: &Weights, name: &str) -> Result<Self, CorrError> {
         let [a, b, c, d] = WIDTHS;
         let layer = |part: &str, inputs: usize, outputs: usize, stride: usize| {
             weights.layer(&format!("{name}.{part}"), Shape::volume(inputs, outputs, 3), stride)

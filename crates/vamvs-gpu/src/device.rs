@@ -1,0 +1,175 @@
+//! GPUs: which there are, and one of them, opened.
+
+use std::fmt;
+use std::sync::{Arc, Mutex};
+
+use wgpu::{Backends, DeviceType, ErrorFilter, ErrorScopeGuard, PollType};
+
+use crate::GpuError;
+use crate::kernels::Kernels;
+
+/// A GPU of this machine, or a program that does what one does.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Adapter {
+    /// Its name.
+    pub name: String,
+    /// The interface by which it is used: Vulkan, Metal, DirectX 12.
+    pub backend: String,
+    /// Its driver, as it calls itself.
+    pub driver: String,
+    /// Whether it is a program on the processor.
+    pub is_software: bool,
+    /// The largest piece of its memory that a kernel can use, bytes.
+    pub largest_buffer: u64,
+}
+
+impl fmt::Display for Adapter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, backend, driver, is_software, .. } = self;
+        let kind = if *is_software { ", software" } else { "" };
+        write!(f, "{name} ({backend}{kind}, driver {driver})")
+    }
+}
+
+fn instance() -> wgpu::Instance {
+    let mut options = wgpu::InstanceDescriptor::new_without_display_handle();
+    options.backends = Backends::VULKAN | Backends::METAL | Backends::DX12;
+    wgpu::Instance::new(options)
+}
+
+/// The adapters, those that are hardware first, and of these those with a memory of their own.
+fn found() -> Vec<wgpu::Adapter> {
+    let instance = instance();
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(Backends::all()));
+    adapters.sort_by_key(|adapter| match adapter.get_info().device_type {
+        DeviceType::DiscreteGpu => 0,
+        DeviceType::VirtualGpu => 1,
+        DeviceType::IntegratedGpu => 2,
+        DeviceType::Other => 3,
+        DeviceType::Cpu => 4,
+    });
+    adapters
+}
+
+fn described(adapter: &wgpu::Adapter) -> Adapter {
+    let info = adapter.get_info();
+    let limits = adapter.limits();
+    Adapter {
+        name: info.name,
+        backend: info.backend.to_string(),
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        is_software: info.device_type == DeviceType::Cpu,
+        largest_buffer: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
+    }
+}
+
+/// The GPUs of this machine: hardware first, the fastest kind first.
+#[must_use]
+pub fn adapters() -> Vec<Adapter> {
+    found().iter().map(described).collect()
+}
+
+/// A GPU that is ready for work.
+pub struct Gpu {
+    adapter: Adapter,
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    pub(crate) kernels: Kernels,
+    lost: Arc<Mutex<Option<String>>>,
+}
+
+impl fmt::Debug for Gpu {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.adapter)
+    }
+}
+
+impl Gpu {
+    /// The GPU with this number in [`adapters`], or the first that is hardware.
+    ///
+    /// # Errors
+    /// If there is none, or its driver refuses it.
+    pub fn open(number: Option<usize>) -> Result<Self, GpuError> {
+        Self::open_within(number, u64::MAX)
+    }
+
+    /// As [`Gpu::open`], as if the largest piece of memory that a kernel can use were at most `largest_buffer` bytes.
+    ///
+    /// # Errors
+    /// As [`Gpu::open`].
+    pub fn open_within(number: Option<usize>, largest_buffer: u64) -> Result<Self, GpuError> {
+        let found = found();
+        let chosen = match number {
+            Some(number) => found.get(number),
+            None => found.first().filter(|adapter| !described(adapter).is_software),
+        };
+        let chosen = chosen.ok_or_else(|| missing(number, &found))?;
+        let mut adapter = described(chosen);
+        adapter.largest_buffer = adapter.largest_buffer.min(largest_buffer);
+        let options = wgpu::DeviceDescriptor {
+            label: Some("vamvs"),
+            required_limits: chosen.limits(),
+            memory_hints: wgpu::MemoryHints::MemoryUsage,
+            ..Default::default()
+        };
+        let refused = |error: wgpu::RequestDeviceError| GpuError::Device {
+            adapter: adapter.name.clone(),
+            problem: error.to_string(),
+        };
+        let (device, queue) = pollster::block_on(chosen.request_device(&options)).map_err(refused)?;
+        let lost = Arc::new(Mutex::new(None));
+        let tell = Arc::clone(&lost);
+        device.set_device_lost_callback(move |_, reason| {
+            *tell.lock().expect("no thread fails while it holds this lock") = Some(reason);
+        });
+        let scope = device.push_error_scope(ErrorFilter::Validation);
+        let kernels = Kernels::new(&device);
+        let error = pollster::block_on(scope.pop());
+        if let Some(error) = error {
+            return Err(GpuError::Device { adapter: adapter.name, problem: error.to_string() });
+        }
+        Ok(Self { adapter, device, queue, kernels, lost })
+    }
+
+    /// What it is.
+    #[must_use]
+    pub fn adapter(&self) -> &Adapter {
+        &self.adapter
+    }
+
+    /// Runs what gives the device work, and waits until it is done.
+    pub(crate) fn checked<T>(&self, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
+        let scopes = [ErrorFilter::Internal, ErrorFilter::Validation, ErrorFilter::OutOfMemory]
+            .map(|filter| self.device.push_error_scope(filter));
+        let result = work();
+        let waited = self.device.poll(PollType::wait_indefinitely());
+        // Scopes end in the opposite order.
+        let errors = scopes.into_iter().rev().map(|scope: ErrorScopeGuard| pollster::block_on(scope.pop()));
+        let errors: Vec<Option<wgpu::Error>> = errors.collect();
+        let adapter = self.adapter.name.clone();
+        if let Some(reason) = self.lost.lock().expect("no thread fails while it holds this lock").clone() {
+            return Err(GpuError::Lost { adapter, reason });
+        }
+        match errors.into_iter().flatten().next() {
+            Some(wgpu::Error::OutOfMemory { source }) => {
+                return Err(GpuError::Memory { adapter, problem: source.to_string() });
+            }
+            Some(error) => return Err(GpuError::Device { adapter, problem: error.to_string() }),
+            None => {}
+        }
+        waited.map_err(|error| GpuError::Device { adapter, problem: error.to_string() })?;
+        result
+    }
+}
+
+/// Why there is no adapter of this number, or none that is hardware.
+fn missing(number: Option<usize>, found: &[wgpu::Adapter]) -> GpuError {
+    let list: Vec<String> =
+        found.iter().enumerate().map(|(at, adapter)| format!("gpu:{at} is {}", described(adapter))).collect();
+    let asked = number.map_or("no GPU was found".to_owned(), |number| format!("there is no GPU {number}"));
+    let rest = match list.is_empty() {
+        true => ": expected a driver for Vulkan, Metal or DirectX 12 (on Linux the Vulkan loader libvulkan1 too)".to_owned(),
+        false => format!(": {}", list.join(", ")),
+    };
+    GpuError::NoAdapter(asked + &rest)
+}
