@@ -29,10 +29,26 @@ const SIZES: [[&str; 4]; 2] = [["640", "512", "5", "48"], ["1280", "960", "5", "
 ///
 /// Sets up libtorch first, if there is none.
 #[derive(Args)]
-pub struct Bench {}
+pub struct Bench {
+    /// Measure the default network on this GPU, and nothing else but the same on the processor: its number in `vamvs info device`.
+    #[arg(long, value_name = "GPU", value_parser = gpu_number)]
+    device: Option<usize>,
+}
+
+/// The number of `gpu:N`, 0 of `gpu`.
+fn gpu_number(device: &str) -> Result<usize, String> {
+    let number = device.strip_prefix("gpu").and_then(|rest| match rest {
+        "" => Some(0),
+        rest => rest.strip_prefix(':')?.parse().ok(),
+    });
+    number.ok_or_else(|| "expected gpu or gpu:N".to_owned())
+}
 
 impl Bench {
     pub fn run(&self) -> Result<()> {
+        if let Some(number) = self.device {
+            return on_gpu(number);
+        }
         setup::ensure_any()?;
         for package in ["vamvs-core", "vamvs-fusion", "vamvs-refine"] {
             run(&format!("bench {package}"), &mut cargo(&["bench", "-p", package, "--bench", "*"]))?;
@@ -49,6 +65,24 @@ impl Bench {
         print_table(WITHOUT_LIBTORCH, &profiles("vamvs-corr", "stages", WITHOUT_LIBTORCH)?);
         Ok(())
     }
+}
+
+/// The default network on a GPU, beside the processor.
+fn on_gpu(number: usize) -> Result<()> {
+    let packages = ["build", "--release", "-p", "vamvs-gpu", "-p", "vamvs-corr", "--examples"];
+    run("build", &mut cargo(&packages))?;
+    let number = number.to_string();
+    let profile = |size: &[&str; 4]| {
+        let arguments = [&[WITHOUT_LIBTORCH], &size[..], &[&number]].concat();
+        Ok(rows(&example("vamvs-gpu", "stages", &arguments)?))
+    };
+    let profiles: Result<Vec<_>> = SIZES.iter().map(profile).collect();
+    print_table(&format!("{WITHOUT_LIBTORCH} on gpu:{number}"), &profiles?);
+    print_table(
+        &format!("{WITHOUT_LIBTORCH} on the processor"),
+        &profiles("vamvs-corr", "stages", WITHOUT_LIBTORCH)?,
+    );
+    Ok(())
 }
 
 /// What an example prints of a network, for each size.
@@ -93,6 +127,13 @@ fn print_table(module: &str, profiles: &[Vec<(String, String)>]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_gpu_has_a_number() {
+        assert_eq!(gpu_number("gpu"), Ok(0));
+        assert_eq!(gpu_number("gpu:3"), Ok(3));
+        assert!(gpu_number("cuda").is_err() && gpu_number("gpu3").is_err());
+    }
 
     #[test]
     fn the_profile_is_read() {

@@ -8,7 +8,7 @@ use serde_json::Value;
 const LAYERS: [&[&str]; 7] = [
     &["vamvs-core", "vamvs-weights"],
     &["vamvs-io", "vamvs-fusion", "vamvs-eval", "vamvs-corr", "vamvs-mesh", "vamvs-net", "vamvs-refine"],
-    &["vamvs-picture"],
+    &["vamvs-gpu", "vamvs-picture"],
     &["vamvs-synth", "vamvs-train"],
     &["vamvs"],
     &["vamvs-cli", "vamvs-tests"],

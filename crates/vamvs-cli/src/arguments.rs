@@ -363,10 +363,26 @@ pub struct DepthFlags {
     /// for each source view. Networks that weigh views have it, such as vis-corr.
     #[arg(long)]
     pub visibility: bool,
+    /// Where the network runs.
+    #[cfg(any(feature = "torch", feature = "gpu"))]
+    #[command(flatten)]
+    pub device: DeviceFlags,
     /// What only libtorch has.
     #[cfg(feature = "torch")]
     #[command(flatten)]
     pub network: NetworkFlags,
+}
+
+/// Where the network runs.
+#[cfg(any(feature = "torch", feature = "gpu"))]
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Network")]
+pub struct DeviceFlags {
+    #[cfg_attr(all(feature = "torch", feature = "gpu"), doc = "auto, cpu, gpu, gpu:N, cuda or cuda:N: gpu is one of any vendor, for vis-corr; auto is cuda, if there is one, or cpu [default: auto].")]
+    #[cfg_attr(all(feature = "torch", not(feature = "gpu")), doc = "auto, cpu, cuda or cuda:N [default: auto].")]
+    #[cfg_attr(all(feature = "gpu", not(feature = "torch")), doc = "cpu, gpu or gpu:N, a GPU of any vendor; `vamvs info device` lists them [default: cpu].")]
+    #[arg(long, value_name = "DEVICE")]
+    pub device: Option<String>,
 }
 
 /// What only libtorch has.
@@ -374,9 +390,6 @@ pub struct DepthFlags {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Network")]
 pub struct NetworkFlags {
-    /// auto, cpu, cuda or cuda:N [default: auto].
-    #[arg(long, value_name = "DEVICE")]
-    pub device: Option<String>,
     /// Stride of the coarse depth map: 8 pixels of the photograph, or 4, which keeps thin structures and edges but
     /// takes three times as long [default: the network's, 4 for vis-corr and vis-max, 8 for photometric].
     #[arg(long, alias = "cells", value_name = "PIXELS")]

@@ -351,6 +351,8 @@ mod depth {
                 self.fusion.roi = Some(roi);
             }
             self.depth.visibility |= flags.visibility;
+            #[cfg(any(feature = "torch", feature = "gpu"))]
+            set(&mut self.device, flags.device.device.clone().map(Some));
             #[cfg(feature = "torch")]
             self.apply_network(&flags.network);
             if self.depth.fovea {
@@ -361,7 +363,6 @@ mod depth {
 
         #[cfg(feature = "torch")]
         fn apply_network(&mut self, flags: &crate::arguments::NetworkFlags) {
-            set(&mut self.device, flags.device.clone().map(Some));
             set(&mut self.depth.coarse_stride, flags.coarse_stride.map(Some));
             set(&mut self.depth.iterations, flags.iterations.map(Some));
             self.depth.fovea |= flags.fovea;

@@ -1,6 +1,7 @@
 //! GPUs: which there are, and one of them, opened.
 
 use std::fmt;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use wgpu::{Backends, DeviceType, ErrorFilter, ErrorScopeGuard, PollType};
@@ -76,6 +77,7 @@ pub struct Gpu {
     pub(crate) queue: wgpu::Queue,
     pub(crate) kernels: Kernels,
     lost: Arc<Mutex<Option<String>>>,
+    operations: AtomicU64,
 }
 
 impl fmt::Debug for Gpu {
@@ -128,13 +130,23 @@ impl Gpu {
         if let Some(error) = error {
             return Err(GpuError::Device { adapter: adapter.name, problem: error.to_string() });
         }
-        Ok(Self { adapter, device, queue, kernels, lost })
+        Ok(Self { adapter, device, queue, kernels, lost, operations: AtomicU64::new(0) })
     }
 
     /// What it is.
     #[must_use]
     pub fn adapter(&self) -> &Adapter {
         &self.adapter
+    }
+
+    /// The floating-point operations of all convolutions that it was given so far.
+    #[must_use]
+    pub fn operations(&self) -> u64 {
+        self.operations.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count(&self, operations: u64) {
+        self.operations.fetch_add(operations, Ordering::Relaxed);
     }
 
     /// Runs what gives the device work, and waits until it is done.

@@ -49,6 +49,8 @@ struct Taps {
     weights: Buffer,
     taps: Buffer,
     count: usize,
+    /// Multiplications for an output pixel.
+    products: usize,
     /// Vectors of weights of a block of output channels.
     panel: usize,
 }
@@ -100,6 +102,7 @@ impl Convolution {
                 &output.buffer,
             ];
             let [planes, height, width] = count;
+            recorder.gpu.count(2 * (planes * height * width * pass.products) as u64);
             recorder.run(kernel, words, &buffers, [width.div_ceil(tile.pixels), height, planes * blocks]);
         }
         Ok(output)
@@ -119,7 +122,8 @@ impl Taps {
         weights.extend_from_slice(&layer.shift);
         let taps: Vec<[i32; 4]> =
             pass.taps.iter().map(|tap| [tap.z as i32, tap.y as i32, tap.x as i32, tap.pixels as i32]).collect();
-        Ok(Self { weights: gpu.upload(&weights)?, taps: gpu.upload(&taps)?, count: taps.len(), panel })
+        let products = pass.taps.iter().map(|tap| tap.pixels).sum::<usize>() * layer.inputs * layer.outputs;
+        Ok(Self { weights: gpu.upload(&weights)?, taps: gpu.upload(&taps)?, count: taps.len(), products, panel })
     }
 }
 

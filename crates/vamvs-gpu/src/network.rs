@@ -248,17 +248,15 @@ impl Network {
         Ok(depths)
     }
 
-    /// The device's memory that a depth map takes at its peak, without the features of the photographs, bytes, and its largest piece.
+    /// The largest piece of the device's memory that a depth map takes, bytes: a volume with its channels.
     #[must_use]
-    pub fn peak_bytes(&self, photograph: Size, planes: usize) -> (usize, usize) {
+    pub fn largest_piece(&self, photograph: Size, planes: usize) -> usize {
         let cells = |stride: usize, planes: usize| {
             let side = |pixels: usize| pixels.div_ceil(8 * stride) * 8;
             side(photograph.width) * side(photograph.height) * planes.next_multiple_of(8)
         };
         let cells = cells(2 * STRIDE, planes).max(cells(STRIDE, self.manifest.cascade.planes));
-        // The volume, what is beside it, both together; an eighth of the cells with 16 channels, a few times; and the costs.
-        let channels = 3 * layers::GROUPS + 4 * 16 / 8 + 1;
-        (4 * cells * channels, 4 * cells * layers::GROUPS)
+        4 * cells * layers::GROUPS
     }
 }
 

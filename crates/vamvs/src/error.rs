@@ -30,6 +30,10 @@ pub enum VamvsError {
         /// What is wrong.
         source: vamvs_corr::CorrError,
     },
+    /// The GPU.
+    #[cfg(feature = "gpu")]
+    #[error(transparent)]
+    Gpu(#[from] vamvs_gpu::GpuError),
     /// An error of one view.
     #[error("view {name}")]
     View {
@@ -78,6 +82,8 @@ impl VamvsError {
     pub fn is_out_of_memory(&self) -> bool {
         match self {
             Self::View { source, .. } => source.is_out_of_memory(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(error) => matches!(error, vamvs_gpu::GpuError::Memory { .. }),
             #[cfg(feature = "torch")]
             Self::Net(error) => {
                 let causes =
@@ -95,7 +101,12 @@ impl VamvsError {
 
     /// Whether the run cannot go on as it is: memory ran out, or the caller cancelled.
     pub(crate) fn ends_run(&self) -> bool {
-        matches!(self, Self::Cancelled) || self.is_out_of_memory()
+        let ends = match self {
+            #[cfg(feature = "gpu")]
+            Self::Gpu(vamvs_gpu::GpuError::Lost { .. } | vamvs_gpu::GpuError::Device { .. }) => true,
+            error => matches!(error, Self::Cancelled),
+        };
+        ends || self.is_out_of_memory()
     }
 
     /// The error and its causes in one line.

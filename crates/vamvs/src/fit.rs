@@ -55,6 +55,12 @@ impl MethodMemory {
         }
     }
 
+    /// A GPU of which a depth map may take pieces of this size.
+    #[cfg(feature = "gpu")]
+    pub fn of_pieces(largest: u64) -> Self {
+        Self { free: largest, limit: None }
+    }
+
     /// What may be taken, bytes.
     pub fn free(self) -> u64 {
         self.free

@@ -70,6 +70,8 @@ pub use view_map::{ViewMap, fuse_in_memory};
 pub use nalgebra;
 pub use vamvs_core as core;
 pub use vamvs_corr as corr;
+#[cfg(feature = "gpu")]
+pub use vamvs_gpu as gpu;
 pub use vamvs_eval as measures;
 pub use vamvs_fusion as fusion;
 pub use vamvs_io as io;

@@ -49,6 +49,9 @@ pub(crate) enum Features {
     Network(Box<vamvs_net::EncodedView>),
     /// Features of vis-corr.
     VisCorr(Box<vamvs_corr::EncodedView>),
+    /// The same on a GPU.
+    #[cfg(feature = "gpu")]
+    Gpu(Box<vamvs_gpu::EncodedView>),
     /// Nothing.
     None,
 }
@@ -114,8 +117,24 @@ impl Method {
             return plane_sweep::check(options).map(|()| Self::PlaneSweep);
         }
         let name = weights.unwrap_or(Path::new(Quality::default().weights()));
-        if let Some(bytes) = weights::without_libtorch(name)?.filter(|_| is_processor(device)) {
-            return Ok(Self::VisCorr(Box::new(VisCorr::new(name, &bytes, options)?)));
+        let bytes = weights::without_libtorch(name)?;
+        let network = |bytes: &[u8]| VisCorr::new(name, bytes, options);
+        match (bytes, Device::named(device)?) {
+            (Some(bytes), Device::Processor) => return Ok(Self::VisCorr(Box::new(network(&bytes)?))),
+            #[cfg(feature = "gpu")]
+            (Some(bytes), Device::Gpu(number)) => {
+                return Ok(Self::VisCorr(Box::new(network(&bytes)?.on_gpu(vamvs_gpu::Gpu::open(number)?)?)));
+            }
+            #[cfg(feature = "gpu")]
+            (None, Device::Gpu(_)) => {
+                return Err(VamvsError::Request(format!(
+                    "{} cannot run on --device {}: expected --weights vis-corr or a .safetensors file there; libtorch's GPUs are \
+                     called cuda",
+                    name.display(),
+                    device.unwrap_or_default(),
+                )));
+            }
+            _ => {}
         }
         #[cfg(feature = "torch")]
         return Ok(Self::Network(Box::new(NetworkMethod::new(weights, device, options)?)));
@@ -145,7 +164,8 @@ impl Method {
         match self {
             #[cfg(feature = "torch")]
             Self::Network(network) => network.device().is_cuda(),
-            Self::VisCorr(_) | Self::PlaneSweep => false,
+            Self::VisCorr(network) => network.is_on_gpu(),
+            Self::PlaneSweep => false,
         }
     }
 
@@ -235,7 +255,8 @@ impl Method {
         match self {
             #[cfg(feature = "torch")]
             Self::Network(network) => network.memory(limit),
-            Self::VisCorr(_) | Self::PlaneSweep => MethodMemory::of_process(limit),
+            Self::VisCorr(network) => network.memory(limit),
+            Self::PlaneSweep => MethodMemory::of_process(limit),
         }
     }
 
@@ -289,17 +310,49 @@ impl Method {
     }
 }
 
-/// Whether this device is the processor; `auto` is a GPU if libtorch has one.
-fn is_processor(device: Option<&str>) -> bool {
-    match device {
-        Some("cpu") => true,
-        #[cfg(feature = "torch")]
-        None | Some("auto") => {
-            vamvs_net::open_device("auto").is_ok_and(|device| device == vamvs_net::Device::Cpu)
+/// Where a network runs.
+enum Device {
+    /// On the processor.
+    Processor,
+    /// On the GPU of this number, or the first that is hardware.
+    #[cfg(feature = "gpu")]
+    Gpu(Option<usize>),
+    /// On a device of libtorch.
+    Libtorch,
+}
+
+impl Device {
+    /// `auto` is a GPU if libtorch has one. Others are tried as they come: gpu:N is one of wgpu's, cuda and what else libtorch knows
+    /// is its.
+    fn named(device: Option<&str>) -> Result<Self, VamvsError> {
+        let Some(device) = device.filter(|device| *device != "auto") else {
+            #[cfg(feature = "torch")]
+            return Ok(match vamvs_net::open_device("auto")? {
+                vamvs_net::Device::Cpu => Self::Processor,
+                _ => Self::Libtorch,
+            });
+            #[cfg(not(feature = "torch"))]
+            return Ok(Self::Processor);
+        };
+        match device {
+            "cpu" => Ok(Self::Processor),
+            #[cfg(feature = "gpu")]
+            "gpu" => Ok(Self::Gpu(None)),
+            _ => match device.strip_prefix("gpu").map(|rest| rest.strip_prefix(':')) {
+                None => Ok(Self::Libtorch),
+                #[cfg(feature = "gpu")]
+                Some(number) => match number.map(str::parse) {
+                    Some(Ok(number)) => Ok(Self::Gpu(Some(number))),
+                    _ => Err(VamvsError::Request(format!(
+                        "--device {device}: expected gpu, or gpu: and its number; `vamvs info device` lists them"
+                    ))),
+                },
+                #[cfg(not(feature = "gpu"))]
+                Some(_) => Err(VamvsError::Request(format!(
+                    "--device {device}: this vamvs was built without the feature `gpu`, which GPUs of all vendors need"
+                ))),
+            },
         }
-        #[cfg(not(feature = "torch"))]
-        None | Some("auto") => true,
-        Some(_) => false,
     }
 }
 
@@ -310,6 +363,8 @@ impl Features {
             #[cfg(feature = "torch")]
             Self::Network(features) => features.bytes(),
             Self::VisCorr(features) => features.bytes(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(features) => features.bytes(),
             Self::None => 0,
         }
     }

@@ -68,24 +68,27 @@ fn weights(path: &Path) -> Result<Map<String, Value>> {
     Ok(facts)
 }
 
-#[cfg(feature = "torch")]
+/// What networks can run on.
 fn device() -> Result<Map<String, Value>> {
-    let device = vamvs::net::device::open_device("auto")?;
-    Ok(object(json!({
-        "device": vamvs::net::device::device_name(device),
+    let mut facts = Map::new();
+    #[cfg(feature = "torch")]
+    facts.extend(object(json!({
+        "device": vamvs::net::device::device_name(vamvs::net::device::open_device("auto")?),
         "gpus": vamvs::net::tch::Cuda::device_count(),
         "threads": vamvs::net::tch::get_num_threads(),
-    })))
+    })));
+    #[cfg(feature = "gpu")]
+    for (number, adapter) in vamvs::gpu::adapters().into_iter().enumerate() {
+        let largest = adapter.largest_buffer / (1 << 20);
+        facts.insert(format!("gpu:{number}"), json!(format!("{adapter}, maps of up to {largest} MiB")));
+    }
+    facts.insert("cpu".to_owned(), json!(format!("{} threads", rayon::current_num_threads())));
+    Ok(facts)
 }
 
 #[cfg(not(feature = "torch"))]
 fn weights(path: &Path) -> Result<Map<String, Value>> {
     bail!("{}: this vamvs was built without libtorch and cannot read networks", path.display())
-}
-
-#[cfg(not(feature = "torch"))]
-fn device() -> Result<Map<String, Value>> {
-    bail!("this vamvs was built without libtorch and uses no device but the processor")
 }
 
 fn folder(folder: &Path) -> Result<Map<String, Value>> {

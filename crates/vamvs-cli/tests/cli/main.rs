@@ -14,6 +14,8 @@ mod exchange;
 mod fovea;
 mod fuse;
 mod gauntlet;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod info;
 mod mesh;
 mod outside;

@@ -2,15 +2,17 @@
 
 use std::path::Path;
 
-use vamvs_core::{MonotoneMap, Photo};
-use vamvs_corr::{EncodedView, Network, Stage};
+use vamvs_core::roi::PixelBox;
+use vamvs_core::{MonotoneMap, Photo, Pinhole};
+use vamvs_corr::{EncodedView, Estimate, Network, Stage};
 
 use super::part::{placed, placed_visibility, widened};
 use super::{Clock, Estimated, Features, Task};
 use crate::feature_cache::Encoded;
+use crate::fit::MethodMemory;
 use crate::memory::keeping_freed;
 use crate::output::ConfidenceKind;
-use crate::{DepthOptions, VamvsError};
+use crate::{DepthOptions, MemoryLimit, VamvsError};
 
 /// Pixels of a photograph, along a side, for one of a depth map.
 const STRIDE: usize = 4;
@@ -19,6 +21,9 @@ const STRIDE: usize = 4;
 pub struct VisCorr {
     network: Network,
     weights: blake3::Hash,
+    /// Where it runs, if not on the processor.
+    #[cfg(feature = "gpu")]
+    gpu: Option<vamvs_gpu::Network>,
 }
 
 impl VisCorr {
@@ -37,7 +42,12 @@ impl VisCorr {
             _ => {
                 let network = Network::new(bytes)
                     .map_err(|error| VamvsError::Corr { name: name.display().to_string(), source: error })?;
-                return Ok(Self { network, weights: blake3::hash(bytes) });
+                return Ok(Self {
+                    network,
+                    weights: blake3::hash(bytes),
+                    #[cfg(feature = "gpu")]
+                    gpu: None,
+                });
             }
         };
         Err(VamvsError::Request(format!(
@@ -46,17 +56,46 @@ impl VisCorr {
         )))
     }
 
+    /// The network on a GPU.
+    #[cfg(feature = "gpu")]
+    pub(super) fn on_gpu(self, gpu: vamvs_gpu::Gpu) -> Result<Self, VamvsError> {
+        let gpu = vamvs_gpu::Network::new(gpu, &self.network)?;
+        Ok(Self { gpu: Some(gpu), ..self })
+    }
+
     pub(super) fn name(&self) -> String {
-        format!("network {} on cpu", self.network.manifest().name)
+        let name = &self.network.manifest().name;
+        #[cfg(feature = "gpu")]
+        if let Some(gpu) = &self.gpu {
+            return format!("network {name} on {}", gpu.gpu().adapter());
+        }
+        format!("network {name} on cpu")
+    }
+
+    pub(super) fn is_on_gpu(&self) -> bool {
+        #[cfg(feature = "gpu")]
+        return self.gpu.is_some();
+        #[cfg(not(feature = "gpu"))]
+        false
+    }
+
+    /// The process's memory, or the largest piece of a GPU's.
+    pub(super) fn memory(&self, limit: MemoryLimit) -> MethodMemory {
+        #[cfg(feature = "gpu")]
+        if let Some(gpu) = &self.gpu {
+            return MethodMemory::of_pieces(gpu.gpu().adapter().largest_buffer);
+        }
+        MethodMemory::of_process(limit)
     }
 
     pub(super) fn plane_step(&self) -> f64 {
         self.network.manifest().plane_step
     }
 
-    /// The hash of its weights.
+    /// The hash of its weights, and whether a GPU runs it, whose sums are other ones.
     pub(super) fn identity(&self) -> String {
-        format!("{} in Rust", self.weights)
+        let place = if self.is_on_gpu() { "on a GPU" } else { "in Rust" };
+        format!("{} {place}", self.weights)
     }
 
     pub(super) fn confidence(&self) -> ConfidenceKind {
@@ -69,19 +108,24 @@ impl VisCorr {
     }
 
     pub(super) fn peak_bytes(&self, photograph: vamvs_core::Size, views: usize, planes: usize) -> u64 {
+        #[cfg(feature = "gpu")]
+        if let Some(gpu) = &self.gpu {
+            return gpu.largest_piece(photograph, planes) as u64;
+        }
         self.network.peak_bytes(photograph, views, planes) as u64
     }
 
     pub(super) fn encode(&self, photo: &Photo, clock: &mut Clock) -> Result<Features, VamvsError> {
+        #[cfg(feature = "gpu")]
+        if let Some(gpu) = &self.gpu {
+            return Ok(Features::Gpu(Box::new(clock.time("encode", || gpu.encode(photo))?)));
+        }
         Ok(Features::VisCorr(Box::new(
             clock.time("encode", || keeping_freed(|| self.network.encode(photo)))?,
         )))
     }
 
     pub(super) fn estimate(&self, task: &Task<'_>, clock: &mut Clock) -> Result<Estimated, VamvsError> {
-        let Task { reference, sources, plan, region } = task;
-        let sources: Vec<&EncodedView> = sources.iter().map(|source| features(source)).collect();
-        let camera = reference.photo.camera;
         let mut time = |stage, run: &mut dyn FnMut()| {
             let name = match stage {
                 Stage::Sweep => "sweep",
@@ -89,22 +133,46 @@ impl VisCorr {
             };
             clock.time(name, || keeping_freed(run));
         };
-        let reference = features(reference);
-        let Some(region) = *region else {
-            let estimate = self.network.estimate(reference, &sources, &plan.planes, &mut time)?;
-            return Ok((vec![estimate.map], estimate.visibility));
-        };
-        let (part, place) = reference.cropped(&widened(region, camera.size))?;
-        let estimate = self.network.estimate(&part, &sources, &plan.planes, &mut time)?;
-        let placed_seen = |seen| placed_visibility(seen, (place, STRIDE), camera.size);
-        let seen = estimate.visibility.iter().map(placed_seen).collect();
-        Ok((vec![placed(&estimate.map, camera, place, region)], seen))
+        let Task { reference, sources, plan, region } = task;
+        let camera = reference.photo.camera;
+        let around = region.map(|region| widened(region, camera.size));
+        #[cfg(feature = "gpu")]
+        if let Some(gpu) = &self.gpu {
+            let sources: Vec<_> = sources.iter().map(|source| features_on_gpu(source)).collect();
+            let whole = features_on_gpu(reference);
+            let part = around.map(|around| whole.cropped(gpu.gpu(), &around)).transpose()?;
+            let (used, place) = part.as_ref().map_or((whole, None), |(part, place)| (part, Some(*place)));
+            let estimate = gpu.estimate(used, &sources, &plan.planes, &mut time)?;
+            return Ok(put(estimate, camera, place.zip(*region)));
+        }
+        let sources: Vec<&EncodedView> = sources.iter().map(|source| features(source)).collect();
+        let whole = features(reference);
+        let part = around.map(|around| whole.cropped(&around)).transpose()?;
+        let (used, place) = part.as_ref().map_or((whole, None), |(part, place)| (part, Some(*place)));
+        let estimate = self.network.estimate(used, &sources, &plan.planes, &mut time)?;
+        Ok(put(estimate, camera, place.zip(*region)))
     }
+}
+
+/// The result in a map of the whole photograph, if it is that of a part of it: where that lies, and the region that is wanted.
+fn put(estimate: Estimate, camera: Pinhole, part: Option<(PixelBox, PixelBox)>) -> Estimated {
+    let Some((place, region)) = part else { return (vec![estimate.map], estimate.visibility) };
+    let placed_seen = |seen| placed_visibility(seen, (place, STRIDE), camera.size);
+    let seen = estimate.visibility.iter().map(placed_seen).collect();
+    (vec![placed(&estimate.map, camera, place, region)], seen)
 }
 
 fn features(view: &Encoded) -> &EncodedView {
     match &view.features {
         Features::VisCorr(features) => features,
+        _ => unreachable!("vis-corr encodes every photograph that it is given"),
+    }
+}
+
+#[cfg(feature = "gpu")]
+fn features_on_gpu(view: &Encoded) -> &vamvs_gpu::EncodedView {
+    match &view.features {
+        Features::Gpu(features) => features,
         _ => unreachable!("vis-corr encodes every photograph that it is given"),
     }
 }
