@@ -378,9 +378,18 @@ pub struct DepthFlags {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Network")]
 pub struct DeviceFlags {
-    #[cfg_attr(all(feature = "torch", feature = "gpu"), doc = "auto, cpu, gpu, gpu:N, cuda or cuda:N: gpu is one of any vendor, for vis-corr; auto is cuda, if there is one, or cpu [default: auto].")]
-    #[cfg_attr(all(feature = "torch", not(feature = "gpu")), doc = "auto, cpu, cuda or cuda:N [default: auto].")]
-    #[cfg_attr(all(feature = "gpu", not(feature = "torch")), doc = "cpu, gpu or gpu:N, a GPU of any vendor; `vamvs info device` lists them [default: cpu].")]
+    #[cfg_attr(
+        all(feature = "torch", feature = "gpu"),
+        doc = "auto, cpu, gpu, gpu:N, cuda or cuda:N: gpu is one of any vendor, for vis-corr; auto is cuda, if there is one, or cpu [default: auto]."
+    )]
+    #[cfg_attr(
+        all(feature = "torch", not(feature = "gpu")),
+        doc = "auto, cpu, cuda or cuda:N [default: auto]."
+    )]
+    #[cfg_attr(
+        all(feature = "gpu", not(feature = "torch")),
+        doc = "cpu, gpu or gpu:N, a GPU of any vendor; `vamvs info device` lists them [default: cpu]."
+    )]
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
 }

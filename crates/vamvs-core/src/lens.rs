@@ -6,6 +6,8 @@
 //! it. Tangential terms are small; they are only required not to mirror the image locally (the Jacobian's determinant
 //! is positive).
 
+use std::fmt;
+
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -47,6 +49,21 @@ pub enum Lens {
     },
     /// No distortion: the view is cut out of a photograph of more directions than a pinhole camera takes.
     Face(Face),
+}
+
+impl fmt::Display for Lens {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None => write!(f, "no distortion"),
+            Self::Rational { k, p } => write!(f, "k1 … k6 = {k:?}, p1, p2 = {p:?}"),
+            Self::Fisheye { k } => write!(f, "a fisheye, k1 … k4 = {k:?}"),
+            Self::Division { k } => write!(f, "a division model, k = {k:?}"),
+            Self::Eucm { alpha, beta } => {
+                write!(f, "an enhanced unified camera, alpha = {alpha:?}, beta = {beta:?}")
+            }
+            Self::Face(_) => write!(f, "a view of all directions"),
+        }
+    }
 }
 
 /// Largest residual of [`Lens::undistort`]: the distance between the given point and the result distorted again, in

@@ -112,7 +112,8 @@ impl Network {
         };
         let surface = self.layers.surface.probability(evidence, reference.fine());
         let PlaneMap { width, height, u, confidence, .. } = fine;
-        let found = Found { padded: Size::new(width, height), u, confidence, coarse_confidence, surface, masks };
+        let found =
+            Found { padded: Size::new(width, height), u, confidence, coarse_confidence, surface, masks };
         Ok(found.estimate(&self.manifest, (reference.camera(), reference.cam_from_world()), planes))
     }
 

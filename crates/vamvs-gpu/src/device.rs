@@ -180,7 +180,10 @@ fn missing(number: Option<usize>, found: &[wgpu::Adapter]) -> GpuError {
         found.iter().enumerate().map(|(at, adapter)| format!("gpu:{at} is {}", described(adapter))).collect();
     let asked = number.map_or("no GPU was found".to_owned(), |number| format!("there is no GPU {number}"));
     let rest = match list.is_empty() {
-        true => ": expected a driver for Vulkan, Metal or DirectX 12 (on Linux the Vulkan loader libvulkan1 too)".to_owned(),
+        true => {
+            ": expected a driver for Vulkan, Metal or DirectX 12 (on Linux the Vulkan loader libvulkan1 too)"
+                .to_owned()
+        }
         false => format!(": {}", list.join(", ")),
     };
     GpuError::NoAdapter(asked + &rest)

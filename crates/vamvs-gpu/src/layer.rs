@@ -120,10 +120,19 @@ impl Taps {
         }
         let panel = weights.len() / 4 / (layer.shift.len() / layer.lanes);
         weights.extend_from_slice(&layer.shift);
-        let taps: Vec<[i32; 4]> =
-            pass.taps.iter().map(|tap| [tap.z as i32, tap.y as i32, tap.x as i32, tap.pixels as i32]).collect();
+        let taps: Vec<[i32; 4]> = pass
+            .taps
+            .iter()
+            .map(|tap| [tap.z as i32, tap.y as i32, tap.x as i32, tap.pixels as i32])
+            .collect();
         let products = pass.taps.iter().map(|tap| tap.pixels).sum::<usize>() * layer.inputs * layer.outputs;
-        Ok(Self { weights: gpu.upload(&weights)?, taps: gpu.upload(&taps)?, count: taps.len(), products, panel })
+        Ok(Self {
+            weights: gpu.upload(&weights)?,
+            taps: gpu.upload(&taps)?,
+            count: taps.len(),
+            products,
+            panel,
+        })
     }
 }
 
@@ -177,12 +186,7 @@ pub fn part(
     let output = Map::new(recorder.gpu, sides, map.vectors)?;
     let words = Words::new().counts(&map.sides).count(map.vectors).counts(&sides).counts(&[x, y]);
     let [planes, height, width] = sides;
-    recorder.run(
-        &recorder.gpu.kernels.part,
-        words,
-        &[&map.buffer, &output.buffer],
-        [width, height, planes],
-    );
+    recorder.run(&recorder.gpu.kernels.part, words, &[&map.buffer, &output.buffer], [width, height, planes]);
     Ok(output)
 }
 

@@ -201,7 +201,8 @@ impl Network {
             let whole = enlarged(to, &coarse.found, sides)?;
             let maps = [&looked, &whole, &fine].map(|map| &map.buffer);
             let [looked, whole, fine] = maps;
-            let buffers = [looked, whole, fine, &around, &masks, &volume.buffer, &evidence.buffer, &found.buffer];
+            let buffers =
+                [looked, whole, fine, &around, &masks, &volume.buffer, &evidence.buffer, &found.buffer];
             to.run(&to.gpu.kernels.evidence, words, &buffers, [height * width, 1, 1]);
             let weighed = weigh.run(to, &evidence, Finish::RELU)?;
             let judged = wide.run(to, &weighed, Finish { beside: Some(&weighed), ..Finish::RELU })?;

@@ -34,7 +34,8 @@ impl Photograph {
 
     /// The photograph with zero mean and unit deviation, as it is or at half its size, padded.
     pub fn seen(&self, recorder: &mut Recorder<'_>, halved: bool) -> Result<Map, GpuError> {
-        let size = if halved { Size::new(self.padded.width / 2, self.padded.height / 2) } else { self.padded };
+        let size =
+            if halved { Size::new(self.padded.width / 2, self.padded.height / 2) } else { self.padded };
         let sides = [1, size.height.next_multiple_of(BLOCK), size.width.next_multiple_of(BLOCK)];
         let (mean, share) = self.moments(sides, halved);
         let output = Map::new(recorder.gpu, sides, 1)?;

@@ -133,11 +133,7 @@ fn joined<'a>(beside: &'a Map, gate: &'a Map) -> Finish<'a> {
 }
 
 /// Two convolutions beside the identity.
-fn residual(
-    to: &mut Recorder<'_>,
-    [first, second]: &[Convolution; 2],
-    map: &Map,
-) -> Result<Map, GpuError> {
+fn residual(to: &mut Recorder<'_>, [first, second]: &[Convolution; 2], map: &Map) -> Result<Map, GpuError> {
     let inner = first.run(to, map, Finish::RELU)?;
     second.run(to, &inner, Finish { beside: Some(map), ..Finish::default() })
 }

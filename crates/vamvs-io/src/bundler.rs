@@ -31,6 +31,7 @@ pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoErro
     let list = list_of(bundle)?;
     let named = read_list(&list)?;
     let Bundle { cameras, points } = read_bundle(bundle, named.len())?;
+    let (points, without_place) = broken::finite_points(points, |point| &point.x_in_world, bundle)?;
     let (all, points) = (cameras.len(), renumbered(points, &places(&cameras)));
     let registered: Vec<_> =
         named.into_iter().zip(cameras).filter_map(|(name, camera)| Some((name, camera?))).collect();
@@ -50,6 +51,7 @@ pub fn read_scene(bundle: &Path, images: Option<&Path>) -> Result<Loaded, IoErro
     let views = kept.iter().zip(names.into_iter().zip(sizes));
     let views = views.map(|((_, camera), (name, size))| camera.view(name, size)).collect();
     warnings.extend(broken::warning(&broken, all));
+    warnings.extend(without_place);
     let warning = format!("{unregistered} of {all} cameras were not registered and are left out");
     warnings.extend((unregistered > 0).then_some(warning));
     Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings, broken })

@@ -116,6 +116,21 @@ impl IoError {
         move |source| Self::System { action, path: path.to_owned(), source }
     }
 
+    /// The same error of one of several things of which so many of `all` are broken in some way.
+    pub(crate) fn of_several(self, broken: usize, all: usize) -> Self {
+        match self {
+            Self::Malformed { path, place, problem } if broken > 1 => {
+                let others = broken - 1;
+                Self::Malformed {
+                    path,
+                    place,
+                    problem: format!("{problem}; of the {all}, {others} more cannot be used"),
+                }
+            }
+            error => error,
+        }
+    }
+
     /// An error about malformed content of `path`.
     pub(crate) fn malformed(path: &Path, place: Place, problem: impl fmt::Display) -> Self {
         Self::Malformed { path: path.to_owned(), place, problem: problem.to_string() }

@@ -30,6 +30,7 @@ pub fn read_scene(nvm: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     }
     let all = cameras.len();
     let (cameras, broken) = broken::leave_out(cameras)?;
+    let (points, without_place) = broken::finite_points(points, |point| &point.x_in_world, nvm)?;
     let points = renumbered(points, &places(&cameras));
     let cameras: Vec<NvmCamera> = cameras.into_iter().flatten().collect();
     let named: Vec<String> = cameras.iter().map(|camera| camera.name.clone()).collect();
@@ -41,6 +42,7 @@ pub fn read_scene(nvm: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     let several = || format!("{}: it holds several models; only the first is read", nvm.display());
     warnings.extend(more.then(several));
     warnings.extend(broken::warning(&broken, all));
+    warnings.extend(without_place);
     Ok(Loaded { scene: sorted_by_name(views, points), images: folder, masks: Masks::None, warnings, broken })
 }
 

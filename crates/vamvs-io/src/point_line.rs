@@ -10,9 +10,6 @@ use crate::text::WordReader;
 pub(crate) fn read_point(words: &mut WordReader, cameras: usize, list: &str) -> Result<SparsePoint, IoError> {
     let position: [f64; 3] = words.numbers("position")?;
     words.numbers::<3>("colour")?;
-    if !position.iter().all(|value| value.is_finite()) {
-        return Err(words.malformed(format!("expected a finite position, found {position:?}")));
-    }
     let mut views = Vec::new();
     for _ in 0..words.number::<usize>("number of the point's views")? {
         let camera: usize = words.number("camera of the point's view")?;

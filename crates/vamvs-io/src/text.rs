@@ -31,9 +31,15 @@ impl TextReader {
 
     /// The next line without its line end; `None` at the end of the file.
     pub(crate) fn next_line(&mut self) -> Result<Option<Line<'_>>, IoError> {
-        self.line.clear();
-        let read = self.inner.read_line(&mut self.line).map_err(IoError::system("read", &self.path))?;
+        let mut bytes = std::mem::take(&mut self.line).into_bytes();
+        bytes.clear();
+        let read = self.inner.read_until(b'\n', &mut bytes).map_err(IoError::system("read", &self.path))?;
         self.number += usize::from(read > 0);
+        self.line = String::from_utf8(bytes).map_err(|error| {
+            let found = shortened(String::from_utf8_lossy(error.as_bytes()).trim_end());
+            let problem = format!("expected text in UTF-8, found {found:?}; save the file as UTF-8");
+            IoError::malformed(&self.path, Place::Line(self.number), problem)
+        })?;
         let text = self.line.trim_end_matches(['\n', '\r']);
         Ok((read > 0).then_some(Line { path: &self.path, number: self.number, text }))
     }

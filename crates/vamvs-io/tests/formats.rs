@@ -245,6 +245,26 @@ proptest! {
         }
     }
 
+    /// A point whose position is no number among good ones.
+    #[test]
+    fn a_point_that_is_nowhere_is_left_out_in_all_formats(scene in scene()) {
+        let mut one_broken = scene.clone();
+        let nowhere = SparsePoint { x_in_world: [1.0, f64::NAN, 1.0].into(), views: vec![0, 1] };
+        one_broken.points.insert(1, nowhere);
+        for (format, read_back) in FORMATS {
+            // These have no points, or none that say who sees them.
+            if ["transforms.json", "MVSNet"].contains(&format) {
+                continue;
+            }
+            let loaded = written_and_read(&one_broken, read_back);
+            let said = loaded.warnings.join("; ");
+            let expected = format!("1 of {} points have a position that is not finite", one_broken.points.len());
+            assert!(said.contains(&expected), "{format}: {said}");
+            expect_same_views(format, &loaded.scene, &scene);
+            expect_same_plan(format, &loaded.scene, &scene);
+        }
+    }
+
     #[test]
     fn a_scene_is_the_same_in_all_formats(scene in scene()) {
         for (format, read_back) in FORMATS {

@@ -37,7 +37,7 @@ pub fn warn_of_lenses(views: &[View]) -> Option<String> {
     let count = views.iter().filter(|view| view.camera == *camera).count();
     (filled < LEAST_FILLED).then(|| {
         format!(
-            "the lens of {count} photograph(s), {:?}, folds back inside the photograph: only {:.0} % of the undistorted pixels show anything; \
+            "the lens of {count} photograph(s) ({}) folds back inside the photograph: only {:.0} % of the undistorted pixels show anything; \
              check its distortion parameters, calibrate with fewer of them, or undistort the photographs beforehand",
             camera.lens,
             100.0 * filled

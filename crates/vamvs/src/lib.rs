@@ -70,10 +70,10 @@ pub use view_map::{ViewMap, fuse_in_memory};
 pub use nalgebra;
 pub use vamvs_core as core;
 pub use vamvs_corr as corr;
-#[cfg(feature = "gpu")]
-pub use vamvs_gpu as gpu;
 pub use vamvs_eval as measures;
 pub use vamvs_fusion as fusion;
+#[cfg(feature = "gpu")]
+pub use vamvs_gpu as gpu;
 pub use vamvs_io as io;
 pub use vamvs_mesh as meshing;
 #[cfg(feature = "torch")]

@@ -22,7 +22,9 @@ pub fn run(arguments: &MeshArguments) -> Result<()> {
     let folder = (arguments.depths.as_path(), settings.export.png_step);
     let masks = settings::masks_of(&arguments.input)?;
     super::expect_scene(&arguments.input)?;
-    let maps = super::open_maps(folder, &arguments.input, masks, &mut |event| progress.show(event))?;
+    let maps = super::open_maps(folder, (&arguments.input, &arguments.common), masks, &mut |event| {
+        progress.show(event)
+    })?;
     super::expect_masks(arguments.input.masks.as_deref(), &maps.scene().views)?;
     let file = arguments.out.clone().unwrap_or_else(|| maps.root().join("mesh.ply"));
     let common = &arguments.common;

@@ -58,14 +58,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// Opens depth maps; the scene of the flags, if there is one, has the cameras and photographs of a folder that has none.
 fn open_maps(
     (folder, png_step): (&Path, Option<f64>),
-    input: &InputFlags,
+    (input, common): (&InputFlags, &CommonFlags),
     masks: Masks,
     show: &mut dyn FnMut(Event) -> ControlFlow<()>,
 ) -> Result<Maps> {
     let Some(scene) = settings::given_scene(input)? else {
         return Ok(Maps::open(folder, masks, show)?);
     };
-    Ok(Maps::open_with(folder, &scene.load()?, png_step, masks, show)?)
+    let loaded = scene.load()?;
+    expect_all_cameras(common, &loaded)?;
+    Ok(Maps::open_with(folder, &loaded, png_step, masks, show)?)
 }
 
 /// Says whether a part of a step was done now or before.

@@ -22,7 +22,7 @@ pub fn run(arguments: &RefineArguments) -> Result<()> {
     let mut show = |event| progress.show(event);
     let limit = settings.depth.max_memory;
     let folder = (arguments.depths.as_path(), arguments.png_step);
-    let maps = super::open_maps(folder, &arguments.input, Masks::None, &mut show)?;
+    let maps = super::open_maps(folder, (&arguments.input, &arguments.common), Masks::None, &mut show)?;
     let maps = maps.readable(limit, &mut show)?;
     super::expect_all_views(&arguments.common, maps.left_out())?;
     if settings.input.given().next().is_none() {

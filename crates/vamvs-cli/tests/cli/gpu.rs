@@ -25,7 +25,10 @@ fn depth_maps_of_a_gpu_are_as_good_as_those_of_the_processor() {
     for (number, view) in scene.views.iter().enumerate() {
         let share = |out: &Path| right(&depth(out, number), &view.depth, 0.01);
         let (gpu, processor) = (share(&on_gpu), share(&scene.out()));
-        assert!((gpu - processor).abs() < 0.005, "view {number}: {gpu} on the GPU, {processor} on the processor");
+        assert!(
+            (gpu - processor).abs() < 0.005,
+            "view {number}: {gpu} on the GPU, {processor} on the processor"
+        );
     }
     // Maps of the one are not taken for those of the other.
     let again = scene.command_to(&on_gpu, "depth", &[]).output().unwrap();

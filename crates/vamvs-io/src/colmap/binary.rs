@@ -126,10 +126,8 @@ fn read_observation(file: &mut ByteReader) -> Result<Observation, IoError> {
 }
 
 fn read_point(file: &mut ByteReader) -> Result<Point, IoError> {
-    let position = file.position();
     let id = file.u64("point id")?;
-    let x_in_world = model::position(file.f64s("position")?)
-        .map_err(|problem| file.malformed(position, format!("point {id}: {problem}")))?;
+    let x_in_world = file.f64s::<3>("position")?.into();
     let rgb = file.take("colour")?;
     let error = file.f64("reprojection error")?;
     let count = file.count(TRACK_BYTES, "track")?;

@@ -34,7 +34,7 @@ impl Model {
         let folder = &workspace::model(folder)?;
         let is_binary = folder.join("cameras.bin").is_file();
         let model = if is_binary { binary::read(folder, keypoints)? } else { text::read(folder, keypoints)? };
-        model.check(folder)?;
+        model.check(&folder.join(if is_binary { "images.bin" } else { "images.txt" }))?;
         Ok(model)
     }
 

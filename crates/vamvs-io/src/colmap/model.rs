@@ -111,8 +111,8 @@ impl Model {
         Ok(Self { cameras, images, points, broken })
     }
 
-    /// Checks the consistency of cameras and images, which are in different files. `folder` is for the message.
-    pub(super) fn check(&self, folder: &Path) -> Result<(), IoError> {
+    /// Checks the consistency of cameras and images, which are in different files; `file` is that of the images.
+    pub(super) fn check(&self, file: &Path) -> Result<(), IoError> {
         let (mut ids, mut names) = (HashSet::new(), HashSet::new());
         for image in &self.images {
             let problem = if !self.cameras.contains_key(&image.camera_id) {
@@ -124,7 +124,7 @@ impl Model {
             } else {
                 continue;
             };
-            return Err(IoError::malformed(folder, Place::Whole, format!("{image}: {problem}")));
+            return Err(IoError::malformed(file, Place::Whole, format!("{image}: {problem}")));
         }
         Ok(())
     }
@@ -164,13 +164,4 @@ pub(super) fn quaternion(cam_from_world: &Pose) -> [f64; 4] {
     let rotation = Rotation3::from_matrix_unchecked(cam_from_world.rotation);
     let q = UnitQuaternion::from_rotation_matrix(&rotation);
     [q.w, q.i, q.j, q.k]
-}
-
-/// The position of a point, which must be finite.
-pub(super) fn position(coordinates: [f64; 3]) -> Result<Vector3<f64>, String> {
-    if coordinates.iter().all(|value| value.is_finite()) {
-        Ok(coordinates.into())
-    } else {
-        Err(format!("expected a finite position, found {coordinates:?}"))
-    }
 }

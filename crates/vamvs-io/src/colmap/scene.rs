@@ -27,10 +27,11 @@ pub fn read_scene(model: &Path, images: Option<&Path>) -> Result<Loaded, IoError
         let problem = "expected registered images, found none";
         return Err(IoError::malformed(model, Place::Whole, problem));
     }
+    let (points, without_place) = broken::finite_points(points, |point| &point.x_in_world, model)?;
     registered.sort_by(|a, b| a.name.cmp(&b.name));
     let found = folder::images(images)?;
     let mut warnings: Vec<String> =
-        broken::warning(&broken, registered.len() + broken.len()).into_iter().collect();
+        broken::warning(&broken, registered.len() + broken.len()).into_iter().chain(without_place).collect();
     warnings.extend(rename_nearly_named(images, &found, &mut registered));
     let names: Vec<&str> = registered.iter().map(|image| image.name.as_str()).collect();
     warnings.extend(folder::warn_of_missing(images, &names)?);

@@ -154,8 +154,7 @@ fn read_points(path: &Path) -> Result<Vec<Point>, IoError> {
 fn parse_point(line: Line) -> Result<Point, IoError> {
     let mut words = line.words();
     let id = words.number("point id")?;
-    let x_in_world = model::position(words.numbers("position")?)
-        .map_err(|problem| line.malformed(format!("point {id}: {problem}")))?;
+    let x_in_world = words.numbers::<3>("position")?.into();
     let rgb = [words.number("red")?, words.number("green")?, words.number("blue")?];
     let error = words.number("reprojection error")?;
     let mut track = Vec::new();

@@ -10,6 +10,10 @@ use crate::{IoError, Place};
 /// # Errors
 /// If there is none or several.
 pub fn model(folder: &Path) -> Result<PathBuf, IoError> {
+    if !folder.exists() {
+        let problem = "there is no such folder: expected that of a COLMAP model";
+        return Err(IoError::malformed(folder, Place::Whole, problem));
+    }
     let sparse = folder.join("sparse");
     if let Some(found) = [folder, &sparse].into_iter().find(|place| has_model(place)) {
         return Ok(found.to_owned());

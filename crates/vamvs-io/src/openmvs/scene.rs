@@ -50,6 +50,7 @@ pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     let platforms = reader.list(24, "platforms", SceneReader::platform)?;
     let listed = reader.list(20, "images", SceneReader::image)?;
     let points = reader.list(20, "points", |reader| reader.point(listed.len()))?;
+    let (points, without_place) = broken::finite_points(points, |point| &point.x_in_world, mvs)?;
     let all = listed.len();
     let listed: Vec<_> = listed.into_iter().map(|image| Some(image).filter(MvsImage::has_pose)).collect();
     let points = renumbered(points, &places(&listed));
@@ -70,6 +71,7 @@ pub fn read_scene(mvs: &Path, images: Option<&Path>) -> Result<Loaded, IoError> 
     let warning = format!("{left_out} of {all} images have no pose and are left out");
     warnings.extend((left_out > 0).then_some(warning));
     warnings.extend(broken::warning(&broken, all));
+    warnings.extend(without_place);
     let scene = sorted_by_name(views.into_iter().flatten().collect(), points);
     Ok(Loaded { scene, images: folder, masks: Masks::None, warnings, broken })
 }
@@ -288,13 +290,9 @@ impl SceneReader {
     }
 
     fn point(&mut self, images: usize) -> Result<SparsePoint, IoError> {
-        let position = self.file.position();
         let bytes: [u8; 12] = self.file.take("point")?;
         let coordinate = |i: usize| f64::from(f32::from_le_bytes(std::array::from_fn(|j| bytes[4 * i + j])));
         let x_in_world = Vector3::from_fn(|i, _| coordinate(i));
-        if !x_in_world.iter().all(|value| value.is_finite()) {
-            return Err(self.file.malformed(position, "point: expected a finite position"));
-        }
         let views = self.list(8, "views of a point", |reader| {
             let position = reader.file.position();
             let image = reader.file.u32("view of a point")?;

@@ -66,6 +66,12 @@ pub fn shows_mesh(maps: &Maps, file: &Path) -> bool {
         && file.file_name() == Some(MESH.as_ref())
 }
 
+/// Whether a file was changed after another.
+fn is_newer(file: &Path, other: &Path) -> bool {
+    let changed = |file: &Path| file.metadata().and_then(|data| data.modified()).ok();
+    changed(file).zip(changed(other)).is_some_and(|(file, other)| file > other)
+}
+
 fn page_file(maps: &Maps) -> PathBuf {
     maps.root().join("report.html")
 }
@@ -147,7 +153,7 @@ impl<'a> Report<'a> {
         let cameras = (0..self.maps.len()).map(camera).collect();
         let there = cloud.is_some();
         let (total, taken) = cloud.unwrap_or_default();
-        let view = self.with_mesh(CloudView::new(total, &taken, cameras))?;
+        let view = self.with_mesh(page, CloudView::new(total, &taken, cameras))?;
         if there {
             page.cloud(&view);
         }
@@ -155,10 +161,16 @@ impl<'a> Report<'a> {
         Ok(())
     }
 
-    /// With the mesh that is beside the depth maps, if there is one.
-    fn with_mesh(&self, view: CloudView) -> Result<CloudView, VamvsError> {
+    /// With the mesh that is beside the depth maps, if there is one that was made after them.
+    fn with_mesh(&self, page: &mut Page, view: CloudView) -> Result<CloudView, VamvsError> {
         let file = self.maps.root().join(MESH);
         if !file.is_file() || !ply::is_mesh(&file)? {
+            return Ok(view);
+        }
+        if (0..self.maps.len()).any(|view| is_newer(self.maps.depth_file(view), &file)) {
+            page.paragraph(&format!(
+                "{MESH} is older than the depth maps, and not shown: vamvs mesh makes it anew."
+            ));
             return Ok(view);
         }
         let (vertices, triangles) = ply::read_mesh(&file)?;
