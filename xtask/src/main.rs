@@ -11,6 +11,7 @@ mod files;
 mod fuzz;
 mod libtorch;
 mod pip;
+mod platforms;
 mod publish;
 mod python;
 mod setup;

@@ -18,14 +18,11 @@ const EMBEDDED: [&str; 6] = ["vamvs", "vamvs-core", "vamvs-eval", "vamvs-fusion"
 /// Members of the workspace that are not published.
 const OWN: [&str; 4] = ["vamvs-checks", "vamvs-python", "vamvs-tests", "xtask"];
 
-/// Platforms for which the build without libtorch is type-checked.
-const PLATFORMS: [&str; 3] = ["aarch64-unknown-linux-gnu", "aarch64-apple-darwin", "x86_64-pc-windows-msvc"];
-
-/// Check the crates as others use them: packages, the lowest Rust version, other platforms, documentation without
-/// libtorch, a program outside the workspace, and the list of the public API.
+/// Check the crates as others use them: packages, the lowest Rust version, documentation without libtorch,
+/// a program outside the workspace, and the list of the public API.
 ///
-/// Needs more than the tests: rustup with the toolchain of `rust-version`, a nightly toolchain and the platforms'
-/// targets, and cargo-public-api.
+/// Needs more than the tests: rustup with the toolchain of `rust-version`, a nightly toolchain, and
+/// cargo-public-api.
 #[derive(Args)]
 pub struct PublishCheck {
     /// Write docs/api anew instead of comparing with it.
@@ -38,7 +35,6 @@ impl PublishCheck {
         setup::ensure_any()?;
         package()?;
         lowest_rust()?;
-        platforms()?;
         documentation_without_libtorch()?;
         outside(&["--features", "torch"], "with libtorch")?;
         outside(&[], "without libtorch")?;
@@ -103,16 +99,6 @@ fn lowest_rust() -> Result<()> {
     let mut check = rustup(version);
     check.args(["check", "--all-targets", "--target-dir", "target/lowest-rust"]).args(ALL);
     run(&format!("check with Rust {version}"), &mut check)
-}
-
-/// Type-checks the command without libtorch for other platforms. CARGO_FEATURE_PURE keeps blake3 to its Rust code,
-/// so that no C compilers for the platforms are needed.
-fn platforms() -> Result<()> {
-    for platform in PLATFORMS {
-        let arguments = ["check", "-p", "vamvs-cli", "--target", platform];
-        run(&format!("check for {platform}"), cargo(&arguments).env("CARGO_FEATURE_PURE", "1"))?;
-    }
-    Ok(())
 }
 
 fn documentation_without_libtorch() -> Result<()> {

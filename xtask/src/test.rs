@@ -6,10 +6,10 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::step::{run, target};
-use crate::{book, cargo, python, setup, workflow};
+use crate::{book, cargo, platforms, python, setup, workflow};
 
 /// Check everything: formatting, lints, tests, documentation, the Python package, Snakemake, the book, the build
-/// with libtorch and without.
+/// with libtorch and without, and other platforms.
 ///
 /// Sets up libtorch first, if there is none.
 #[derive(Args)]
@@ -29,6 +29,7 @@ impl Test {
         workflow::test(&vamvs)?;
         book::build(&vamvs)?;
         test_without_libtorch()?;
+        platforms::check()?;
         println!("all checks passed in {:.0} s", start.elapsed().as_secs_f64());
         Ok(())
     }

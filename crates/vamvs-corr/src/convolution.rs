@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use crate::lanes::Lanes;
 use crate::map::{Map, Row};
+#[cfg(target_arch = "x86_64")]
 use crate::wide::{Widest, widest};
 
 /// The weights of a convolution as PyTorch has them: (outputs, inputs, kz, ky, kx), of a transposed one
@@ -233,6 +234,16 @@ fn run_row(layer: &Convolution, input: &Map, row: Row, out: &mut [f32], scratch:
             Widest::Any => {}
         }
     }
+    #[cfg(target_arch = "aarch64")]
+    {
+        use crate::lanes::arm::Neon;
+
+        match layer.lanes {
+            8 => row_of::<8, Neon<2>>(layer, input, row, out, scratch),
+            _ => row_of::<6, Neon<4>>(layer, input, row, out, scratch),
+        }
+    }
+    #[cfg(not(target_arch = "aarch64"))]
     match layer.lanes {
         8 => row_of::<6, [f32; 8]>(layer, input, row, out, scratch),
         _ => row_of::<6, [f32; 16]>(layer, input, row, out, scratch),
@@ -467,5 +478,22 @@ pub mod tests {
         let part =
             layer.run_planes(&input, 3..6, |row, values| values.iter_mut().for_each(|v| *v += row.z as f32));
         assert_eq!(part.values, whole.values[3 * 6 * 10 * 8..6 * 6 * 10 * 8]);
+    }
+
+    /// A hash of the outputs' bits, which no processor may change.
+    #[test]
+    fn bits_are_those_of_every_processor() {
+        let mut hash = 0xcbf2_9ce4_8422_2325_u64;
+        let mut add = |map: &Map| {
+            for byte in map.values.iter().flat_map(|value| value.to_bits().to_le_bytes()) {
+                hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+            }
+        };
+        let moves = |stride| Moves { stride, padding: [1; 3], dilation: 1 };
+        for (outputs, stride) in [(8, 1), (16, 2), (32, 1)] {
+            let kernel = kernel(outputs, 16, [3; 3]);
+            add(&Convolution::new(&kernel, moves(stride)).run(&map([4, 5, 29], 16), |_, _| ()));
+        }
+        assert_eq!(hash, 0x0df7_5932_67c1_4813, "{hash:#x}");
     }
 }

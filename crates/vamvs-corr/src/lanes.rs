@@ -1,4 +1,4 @@
-//! Vectors of floats in registers, for processors with AVX2 and FMA, with AVX-512, and for all others.
+//! Vectors of floats in registers, for processors with AVX2 and FMA, with AVX-512, with NEON, and for all others.
 //!
 //! Compilers do not keep a tile of sums in registers by themselves once it is an array of arrays; a vector type for each
 //! instruction set makes them. All do the same fused operations, so results are the same bit for bit.
@@ -107,6 +107,46 @@ pub mod x86 {
         fn plus(self, weights: Self, value: f32) -> Self {
             // SAFETY: the processor has AVX-512F.
             Self(unsafe { _mm512_fmadd_ps(weights.0, _mm512_set1_ps(value), self.0) })
+        }
+    }
+}
+
+/// Vectors of 64-bit ARM.
+#[cfg(target_arch = "aarch64")]
+pub mod arm {
+    use std::arch::aarch64::{float32x4_t, vdupq_n_f32, vfmaq_f32, vld1q_f32, vst1q_f32};
+
+    use super::Lanes;
+
+    /// Vectors of 128 bits, which every such processor has.
+    #[derive(Clone, Copy)]
+    pub struct Neon<const VECTORS: usize>([float32x4_t; VECTORS]);
+
+    impl<const VECTORS: usize> Lanes for Neon<VECTORS> {
+        const COUNT: usize = 4 * VECTORS;
+
+        #[inline(always)]
+        fn load(values: &[f32]) -> Self {
+            let values = &values[..Self::COUNT];
+            // SAFETY: the slice has 4 values from each of these places on.
+            Self(std::array::from_fn(|at| unsafe { vld1q_f32(values.as_ptr().add(4 * at)) }))
+        }
+
+        #[inline(always)]
+        fn store(self, to: &mut [f32]) {
+            let to = &mut to[..Self::COUNT];
+            for (at, vector) in self.0.into_iter().enumerate() {
+                // SAFETY: the slice has room for 4 values from this place on.
+                unsafe { vst1q_f32(to.as_mut_ptr().add(4 * at), vector) };
+            }
+        }
+
+        #[inline(always)]
+        fn plus(self, weights: Self, value: f32) -> Self {
+            // SAFETY: every 64-bit ARM processor that this is compiled for has NEON.
+            let value = unsafe { vdupq_n_f32(value) };
+            // SAFETY: as above.
+            Self(std::array::from_fn(|at| unsafe { vfmaq_f32(self.0[at], weights.0[at], value) }))
         }
     }
 }

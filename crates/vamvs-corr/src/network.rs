@@ -201,9 +201,10 @@ fn strongest(volume: &Map) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use vamvs_core::roi::PixelBox;
-    use vamvs_core::{DepthRange, Intrinsics, Pose, Spacing};
+    use vamvs_core::{DepthRange, Grid, Intrinsics, Pinhole, Pose, Spacing};
 
     use super::*;
+    #[cfg(target_arch = "x86_64")]
     use crate::wide::{ALLOWED, Widest};
 
     /// Photographs of a wall with blotches, from cameras side by side.
@@ -239,15 +240,12 @@ mod tests {
         Network::new(vamvs_weights::VIS_CORR).expect("the built-in weights")
     }
 
+    #[cfg(target_arch = "x86_64")]
     #[test]
     fn all_instruction_sets_give_the_same_bits() {
         let (network, photos) = (network(), photos(Size::new(104, 72), 3));
         let whole = estimate(&network, &photos);
-        let sets = [
-            Widest::Any,
-            #[cfg(target_arch = "x86_64")]
-            Widest::Avx2,
-        ];
+        let sets = [Widest::Any, Widest::Avx2];
         for set in sets {
             *ALLOWED.write().expect("no test has failed while it wrote") = Some(set);
             let narrow = estimate(&network, &photos);

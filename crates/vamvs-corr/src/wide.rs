@@ -1,23 +1,23 @@
 //! Loops over many numbers at once, compiled for the processor's widest vectors, and what they share.
 
-/// The widest vectors of a processor.
+/// The widest vectors of a processor; others than x86-64 have one kind each.
+#[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Widest {
     /// Those that every processor of the target has.
     Any,
     /// 256 bits, and fused multiply-add.
-    #[cfg(target_arch = "x86_64")]
     Avx2,
     /// 512 bits.
-    #[cfg(target_arch = "x86_64")]
     Avx512,
 }
 
 /// The widest vectors that tests allow; all give the same bits, so tests that run side by side do not disturb each other.
-#[cfg(test)]
+#[cfg(all(test, target_arch = "x86_64"))]
 pub static ALLOWED: std::sync::RwLock<Option<Widest>> = std::sync::RwLock::new(None);
 
 /// The widest vectors of this processor.
+#[cfg(target_arch = "x86_64")]
 pub fn widest() -> Widest {
     let found = of_processor();
     #[cfg(test)]
@@ -25,8 +25,8 @@ pub fn widest() -> Widest {
     found
 }
 
+#[cfg(target_arch = "x86_64")]
 fn of_processor() -> Widest {
-    #[cfg(target_arch = "x86_64")]
     if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma") {
         let has_avx512 =
             std::is_x86_feature_detected!("avx512f") && std::is_x86_feature_detected!("avx512vl");
