@@ -25,11 +25,14 @@ fn main() {
     let best = runs.min_by_key(|(times, _)| times.iter().sum::<Duration>()).expect("there are runs");
     let ([encode, sweep, regularize, rest], [encoding, regularizing]) = best;
     let total: Duration = [encode, sweep, regularize, rest].iter().sum();
-    let speed = |operations: u64, time: Duration| operations as f64 / time.as_secs_f64() / 1e9;
+    let speed = |operations: u64, time: Duration| {
+        let operations = operations as f64 / 1e9;
+        format!("{operations:.1} GFLOP {:.0} GFLOP/s", operations / time.as_secs_f64())
+    };
     println!("Adapter {}", network.gpu().adapter().name);
-    println!("Encode {:.4} s {:.0} GFLOP/s", encode.as_secs_f64(), speed(encoding, encode));
+    println!("Encode {:.4} s {}", encode.as_secs_f64(), speed(encoding, encode));
     println!("Sweep {:.4} s", sweep.as_secs_f64());
-    println!("Regularize {:.4} s {:.0} GFLOP/s", regularize.as_secs_f64(), speed(regularizing, regularize));
+    println!("Regularize {:.4} s {}", regularize.as_secs_f64(), speed(regularizing, regularize));
     println!("total {:.4} s", total.as_secs_f64());
 }
 
