@@ -76,8 +76,8 @@ fn on_gpu(number: usize) -> Result<()> {
         let arguments = [&[WITHOUT_LIBTORCH], &size[..], &[&number]].concat();
         Ok(rows(&example("vamvs-gpu", "stages", &arguments)?))
     };
-    let profiles: Result<Vec<_>> = SIZES.iter().map(profile).collect();
-    print_table(&format!("{WITHOUT_LIBTORCH} on gpu:{number}"), &profiles?);
+    let on_gpu: Result<Vec<_>> = SIZES.iter().map(profile).collect();
+    print_table(&format!("{WITHOUT_LIBTORCH} on gpu:{number}"), &on_gpu?);
     print_table(
         &format!("{WITHOUT_LIBTORCH} on the processor"),
         &profiles("vamvs-corr", "stages", WITHOUT_LIBTORCH)?,

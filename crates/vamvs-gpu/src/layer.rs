@@ -144,6 +144,7 @@ pub struct ToOne {
 }
 
 /// Where the output of a [`ToOne`] goes.
+#[derive(Clone, Copy)]
 pub struct Place<'a> {
     pub buffer: &'a Buffer,
     /// Its first value.
