@@ -62,7 +62,7 @@ impl Found {
         let pixels = depth.data_mut().iter_mut().zip(confidence.data_mut()).zip(surface.data());
         for ((depth, confidence), surface) in pixels {
             *confidence *= surface;
-            if *surface < LEAST_SURFACE {
+            if surface.is_nan() || *surface < LEAST_SURFACE {
                 (*depth, *confidence) = (0.0, 0.0);
             }
         }

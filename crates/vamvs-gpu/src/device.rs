@@ -1,10 +1,11 @@
 //! GPUs: which there are, and one of them, opened.
 
 use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use wgpu::{Backends, DeviceType, ErrorFilter, ErrorScopeGuard, PollType};
+use wgpu::{Backends, Device, DeviceType, ErrorFilter, PollType};
 
 use crate::GpuError;
 use crate::kernels::Kernels;
@@ -124,12 +125,8 @@ impl Gpu {
         device.set_device_lost_callback(move |_, reason| {
             *tell.lock().expect("no thread fails while it holds this lock") = Some(reason);
         });
-        let scope = device.push_error_scope(ErrorFilter::Validation);
-        let kernels = Kernels::new(&device);
-        let error = pollster::block_on(scope.pop());
-        if let Some(error) = error {
-            return Err(GpuError::Device { adapter: adapter.name, problem: error.to_string() });
-        }
+        let (kernels, problem) = watched(&device, &adapter.name, || Kernels::new(&device));
+        problem?;
         Ok(Self { adapter, device, queue, kernels, lost, operations: AtomicU64::new(0) })
     }
 
@@ -139,7 +136,7 @@ impl Gpu {
         &self.adapter
     }
 
-    /// The floating-point operations of all convolutions that it was given so far.
+    /// The floating-point operations of the convolutions that it was given so far, those to one channel left out.
     #[must_use]
     pub fn operations(&self) -> u64 {
         self.operations.load(Ordering::Relaxed)
@@ -151,27 +148,43 @@ impl Gpu {
 
     /// Runs what gives the device work, and waits until it is done.
     pub(crate) fn checked<T>(&self, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
-        let scopes = [ErrorFilter::Internal, ErrorFilter::Validation, ErrorFilter::OutOfMemory]
-            .map(|filter| self.device.push_error_scope(filter));
-        let result = work();
-        let waited = self.device.poll(PollType::wait_indefinitely());
-        // Scopes end in the opposite order.
-        let errors = scopes.into_iter().rev().map(|scope: ErrorScopeGuard| pollster::block_on(scope.pop()));
-        let errors: Vec<Option<wgpu::Error>> = errors.collect();
-        let adapter = self.adapter.name.clone();
-        if let Some(reason) = self.lost.lock().expect("no thread fails while it holds this lock").clone() {
-            return Err(GpuError::Lost { adapter, reason });
-        }
-        match errors.into_iter().flatten().next() {
-            Some(wgpu::Error::OutOfMemory { source }) => {
-                return Err(GpuError::Memory { adapter, problem: source.to_string() });
-            }
-            Some(error) => return Err(GpuError::Device { adapter, problem: error.to_string() }),
-            None => {}
-        }
-        waited.map_err(|error| GpuError::Device { adapter, problem: error.to_string() })?;
+        let ((result, waited), problem) = watched(&self.device, &self.adapter.name, || (work(), self.wait()));
+        waited?;
+        problem?;
         result
     }
+
+    /// Waits until the device has done all that it was given. wgpu panics where such a wait finds the device lost.
+    pub(crate) fn wait(&self) -> Result<(), GpuError> {
+        let wait = || self.device.poll(PollType::wait_indefinitely());
+        let waited = catch_unwind(AssertUnwindSafe(wait));
+        let adapter = self.adapter.name.clone();
+        let told = self.lost.lock().expect("no thread fails while it holds this lock").clone();
+        match (told, waited) {
+            (Some(reason), _) => Err(GpuError::Lost { adapter, reason }),
+            (None, Err(_)) => Err(GpuError::Lost { adapter, reason: "its driver gave up".to_owned() }),
+            (None, Ok(Err(error))) => Err(GpuError::Device { adapter, problem: error.to_string() }),
+            (None, Ok(Ok(_))) => Ok(()),
+        }
+    }
+}
+
+/// Runs what uses a device, and tells the first problem that it had with it.
+fn watched<T>(device: &Device, adapter: &str, work: impl FnOnce() -> T) -> (T, Result<(), GpuError>) {
+    let scopes = [ErrorFilter::Internal, ErrorFilter::Validation, ErrorFilter::OutOfMemory]
+        .map(|filter| device.push_error_scope(filter));
+    let result = work();
+    // Scopes end in the opposite order.
+    let errors: Vec<_> = scopes.into_iter().rev().map(|scope| pollster::block_on(scope.pop())).collect();
+    let adapter = adapter.to_owned();
+    let problem = match errors.into_iter().flatten().next() {
+        Some(wgpu::Error::OutOfMemory { source }) => {
+            Err(GpuError::Memory { adapter, problem: source.to_string() })
+        }
+        Some(error) => Err(GpuError::Device { adapter, problem: error.to_string() }),
+        None => Ok(()),
+    };
+    (result, problem)
 }
 
 /// Why there is no adapter of this number, or none that is hardware.

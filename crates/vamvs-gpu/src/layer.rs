@@ -102,8 +102,8 @@ impl Convolution {
                 &output.buffer,
             ];
             let [planes, height, width] = count;
-            recorder.gpu.count(2 * (planes * height * width * pass.products) as u64);
             recorder.run(kernel, words, &buffers, [width.div_ceil(tile.pixels), height, planes * blocks]);
+            recorder.count(2 * (planes * height * width * pass.products) as u64);
         }
         Ok(output)
     }

@@ -49,7 +49,7 @@ impl Gpu {
 
     /// The values of a part of the device's memory, which is waited for.
     pub fn download(&self, buffer: &Buffer) -> Result<Vec<f32>, GpuError> {
-        let lost = |problem: String| GpuError::Device { adapter: self.adapter().name.clone(), problem };
+        let failed = |problem: String| GpuError::Device { adapter: self.adapter().name.clone(), problem };
         let copy = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,
             size: buffer.size(),
@@ -60,8 +60,8 @@ impl Gpu {
         encoder.copy_buffer_to_buffer(buffer, 0, &copy, 0, buffer.size());
         self.queue.submit([encoder.finish()]);
         copy.map_async(wgpu::MapMode::Read, .., |_| ());
-        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| lost(error.to_string()))?;
-        let view = copy.get_mapped_range(..).map_err(|error| lost(error.to_string()))?;
+        self.wait()?;
+        let view = copy.get_mapped_range(..).map_err(|error| failed(error.to_string()))?;
         Ok(bytemuck::pod_collect_to_vec(&view))
     }
 }

@@ -210,15 +210,17 @@ impl Network {
             self.layers.judge.run(to, &judged, Place { buffer: &surface, first: 0, sides });
             Ok((found, surface))
         })?;
-        let found = self.gpu.download(&found.buffer)?;
+        let (found, surface, masks) = self.gpu.checked(|| {
+            let download = |buffer| self.gpu.download(buffer);
+            Ok((download(&found.buffer)?, download(&surface)?, download(&masks)?))
+        })?;
         let of = |channel: usize| found.chunks_exact(4).map(|pixel| pixel[channel]).collect::<Vec<f32>>();
-        let masks = self.gpu.download(&masks)?;
         Ok(Found {
             padded: Size::new(width, height),
             u: of(0),
             confidence: of(1),
             coarse_confidence: of(2),
-            surface: self.gpu.download(&surface)?,
+            surface,
             masks: masks.chunks_exact(height * width).map(<[f32]>::to_vec).collect(),
         })
     }

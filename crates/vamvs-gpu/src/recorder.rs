@@ -5,10 +5,18 @@ use wgpu::{Buffer, BufferUsages, CommandEncoder};
 use crate::Gpu;
 use crate::kernels::Kernel;
 
+/// The most groups of invocations along an axis.
+const MOST_GROUPS: u32 = 65535;
+
+/// Operations after which the device is given what was recorded, so that no submission takes long and memory is freed meanwhile.
+const MOST_OPERATIONS: u64 = 4_000_000_000;
+
 /// Records kernels, and gives them to the device.
 pub struct Recorder<'a> {
     pub gpu: &'a Gpu,
     encoder: CommandEncoder,
+    /// Operations that were recorded since.
+    operations: u64,
 }
 
 /// Parameters of a kernel, word by word, as WGSL lays them out.
@@ -45,7 +53,7 @@ impl Words {
 
 impl<'a> Recorder<'a> {
     pub fn new(gpu: &'a Gpu) -> Self {
-        Self { gpu, encoder: gpu.device.create_command_encoder(&Default::default()) }
+        Self { gpu, encoder: gpu.device.create_command_encoder(&Default::default()), operations: 0 }
     }
 
     /// One kernel over so many invocations along x, y and z. Its bindings are the parameters, then the buffers in their order.
@@ -75,7 +83,22 @@ impl<'a> Recorder<'a> {
         pass.set_bind_group(0, &bindings, &[]);
         let [width, height] = kernel.group;
         let groups = |invocations: usize, group: u32| (invocations as u32).div_ceil(group);
-        pass.dispatch_workgroups(groups(x, width), groups(y, height), z as u32);
+        let (mut across, mut down) = (groups(x, width), groups(y, height));
+        if height == 1 {
+            // Kernels over pixels in a row number them over rows of groups too.
+            down = across.div_ceil(MOST_GROUPS);
+            across = across.div_ceil(down.max(1));
+        }
+        pass.dispatch_workgroups(across, down, z as u32);
+    }
+
+    /// Counts operations that were recorded.
+    pub fn count(&mut self, operations: u64) {
+        self.gpu.count(operations);
+        self.operations += operations;
+        if self.operations >= MOST_OPERATIONS {
+            self.submit();
+        }
     }
 
     /// Gives the device all that was recorded.
@@ -83,5 +106,6 @@ impl<'a> Recorder<'a> {
         let next = self.gpu.device.create_command_encoder(&Default::default());
         let recorded = std::mem::replace(&mut self.encoder, next);
         self.gpu.queue.submit([recorded.finish()]);
+        self.operations = 0;
     }
 }

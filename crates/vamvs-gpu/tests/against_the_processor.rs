@@ -24,8 +24,8 @@ fn photos(size: Size, count: usize) -> Vec<Photo> {
     (0..count).map(photo).collect()
 }
 
-fn planes(spacing: Spacing) -> Planes {
-    Planes { range: DepthRange { near: 3.0, far: 12.0 }, count: 24, spacing }
+fn planes(count: usize, spacing: Spacing) -> Planes {
+    Planes { range: DepthRange { near: 3.0, far: 12.0 }, count, spacing }
 }
 
 fn network() -> Network {
@@ -95,7 +95,8 @@ fn depth_maps_are_those_of_the_processor() {
 #[test]
 fn a_region_is_that_of_the_processor() {
     let Some(gpu) = gpu(u64::MAX) else { return };
-    let (network, photos, planes) = (network(), photos(Size::new(128, 96), 3), planes(Spacing::InverseDepth));
+    let (network, photos, planes) =
+        (network(), photos(Size::new(128, 96), 3), planes(24, Spacing::InverseDepth));
     let on_gpu = vamvs_gpu::Network::new(gpu, &network).expect("the network");
     let region = PixelBox { x0: 30, y0: 20, x1: 101, y1: 90 };
     let encoded: Vec<_> = photos.iter().map(|photo| on_gpu.encode(photo).expect("features")).collect();

@@ -101,12 +101,17 @@ impl VamvsError {
 
     /// Whether the run cannot go on as it is: memory ran out, or the caller cancelled.
     pub(crate) fn ends_run(&self) -> bool {
-        let ends = match self {
+        self.ends_all() || self.is_out_of_memory()
+    }
+
+    /// Whether no view can be made any more: the caller cancelled, or the device on which they are made fails.
+    pub(crate) fn ends_all(&self) -> bool {
+        match self {
+            Self::View { source, .. } => source.ends_all(),
             #[cfg(feature = "gpu")]
             Self::Gpu(vamvs_gpu::GpuError::Lost { .. } | vamvs_gpu::GpuError::Device { .. }) => true,
             error => matches!(error, Self::Cancelled),
-        };
-        ends || self.is_out_of_memory()
+        }
     }
 
     /// The error and its causes in one line.
@@ -122,5 +127,21 @@ impl VamvsError {
     #[must_use]
     pub fn of_view(self, name: &str) -> Self {
         Self::View { name: name.to_owned(), source: Box::new(self) }
+    }
+}
+
+#[cfg(all(test, feature = "gpu"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lost_gpu_ends_the_run_and_one_without_memory_a_view() {
+        let adapter = || "a GPU".to_owned();
+        let lost = vamvs_gpu::GpuError::Lost { adapter: adapter(), reason: "reset".to_owned() };
+        let lost = VamvsError::from(lost).of_view("a.png");
+        assert!(lost.ends_all() && lost.ends_run() && !lost.is_out_of_memory());
+        let full = vamvs_gpu::GpuError::Memory { adapter: adapter(), problem: "a map".to_owned() };
+        let full = VamvsError::from(full).of_view("a.png");
+        assert!(!full.ends_all() && full.is_out_of_memory());
     }
 }

@@ -30,12 +30,14 @@ pub(crate) struct MethodMemory {
     free: u64,
     /// The limit of the process's resident memory; `None` for the memory of a GPU.
     limit: Option<MemoryLimit>,
+    /// What features of photographs may take, if `free` is only the largest piece of a GPU's memory.
+    features: Option<u64>,
 }
 
 impl MethodMemory {
     /// What is left of the process's resident memory.
     pub fn of_process(limit: MemoryLimit) -> Self {
-        Self { free: limit.remaining(), limit: Some(limit) }
+        Self { free: limit.remaining(), limit: Some(limit), features: None }
     }
 
     /// The memory of the device that a network is on; not limited if a GPU does not report it.
@@ -50,15 +52,21 @@ impl MethodMemory {
             Device::Cpu => Self::of_process(limit),
             _ => {
                 let free = free(device).map_or(u64::MAX, |free| (OF_THE_GPU * free as f64) as u64);
-                Self { free, limit: None }
+                Self { free, limit: None, features: None }
             }
         }
     }
 
-    /// A GPU of which a depth map may take pieces of this size.
+    /// A GPU that does not tell how much memory it has, but how large a piece of it may be. Its memory may be the processor's, so
+    /// features take a quarter of the process's at most.
     #[cfg(feature = "gpu")]
-    pub fn of_pieces(largest: u64) -> Self {
-        Self { free: largest, limit: None }
+    pub fn of_pieces(largest: u64, limit: MemoryLimit) -> Self {
+        Self { free: largest, limit: None, features: Some(limit.remaining() / 4) }
+    }
+
+    /// What features of photographs may take beside what needs so much, bytes.
+    pub fn for_features(self, others: u64) -> u64 {
+        self.features.unwrap_or(self.free.saturating_sub(others))
     }
 
     /// What may be taken, bytes.
@@ -76,6 +84,7 @@ impl fmt::Display for MethodMemory {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let free = format_bytes(self.free);
         match self.limit {
+            None if self.features.is_some() => write!(f, "{free} of the GPU's memory may be in one piece"),
             Some(limit) => write!(f, "{free} of --max-memory {limit} are free"),
             None => write!(f, "{free} of the GPU's memory may be taken"),
         }
@@ -100,12 +109,12 @@ pub(crate) fn fit_to_memory(
     if needed <= memory.free() {
         return Ok((photographs.clone(), plan));
     }
-    method.use_smaller_pieces(SMALLER_PIECES);
+    let in_pieces = if method.use_smaller_pieces(SMALLER_PIECES) { "in smaller pieces, " } else { "" };
     let (photographs, plan) = reduced((photographs, plan), scene, options, (method, memory.free()))?;
     let (size, left) = (longest_side(&plan), most_bytes(&plan, method));
     let takes = if left > memory.free() { "but still takes" } else { "and takes" };
     let text = format!(
-        "a depth map takes about {}, and {memory}: it is made in smaller pieces, of photographs of {size} pixels, {takes} about {}",
+        "a depth map takes about {}, and {memory}: it is made {in_pieces}of photographs of {size} pixels, {takes} about {}",
         format_bytes(needed),
         format_bytes(left),
     );

@@ -114,6 +114,13 @@ impl Method {
         options: &DepthOptions,
     ) -> Result<Self, VamvsError> {
         if weights.is_some_and(weights::is_none) {
+            #[cfg(feature = "gpu")]
+            if matches!(Device::named(device)?, Device::Gpu(_)) {
+                return Err(VamvsError::Request(format!(
+                    "--weights none has no network to run on --device {}: it works on the processor",
+                    device.unwrap_or_default()
+                )));
+            }
             return plane_sweep::check(options).map(|()| Self::PlaneSweep);
         }
         let name = weights.unwrap_or(Path::new(Quality::default().weights()));
@@ -270,13 +277,17 @@ impl Method {
         }
     }
 
-    /// Makes depth maps in pieces smaller by `factor`, so that they take less memory; the result is the same.
+    /// Makes depth maps in pieces smaller by `factor`, so that they take less memory, if the method works in pieces; the result is the
+    /// same.
     #[cfg_attr(not(feature = "torch"), expect(unused_variables, reason = "modules alone work in pieces"))]
-    pub(crate) fn use_smaller_pieces(&mut self, factor: usize) {
+    pub(crate) fn use_smaller_pieces(&mut self, factor: usize) -> bool {
         match self {
             #[cfg(feature = "torch")]
-            Self::Network(network) => network.use_smaller_pieces(factor),
-            Self::VisCorr(_) | Self::PlaneSweep => {}
+            Self::Network(network) => {
+                network.use_smaller_pieces(factor);
+                true
+            }
+            Self::VisCorr(_) | Self::PlaneSweep => false,
         }
     }
 

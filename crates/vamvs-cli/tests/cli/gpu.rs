@@ -51,6 +51,8 @@ fn a_gpu_that_is_not_there_is_named_and_nothing_is_written() {
     assert!(said.contains("expected gpu"), "{said}");
     let said = scene.error("depth", &["--device", "gpu:0", "--weights", "vis-max"]);
     assert!(said.contains("vis-max") && said.contains("--weights vis-corr"), "{said}");
+    let said = scene.error("depth", &["--device", "gpu:0", "--weights", "none"]);
+    assert!(said.contains("--weights none has no network"), "{said}");
     let listed = vamvs().args(["info", "device"]).output().unwrap();
     expect_success(&listed);
     let listed = String::from_utf8(listed.stdout).unwrap();

@@ -36,7 +36,7 @@ fn finished(sum: vec4<f32>, at: u32, in_plane: u32) -> vec4<f32> {
     if (p.finish & RELU) != 0u { value = max(value, vec4<f32>(0.0)); }
     if (p.finish & ADD) != 0u { value += beside[at]; }
     if (p.finish & GATE) != 0u { value *= gate[in_plane]; }
-    if (p.finish & SIGMOID) != 0u { value = p.factor / (1.0 + exp(-value)); }
+    if (p.finish & SIGMOID) != 0u { value = p.factor / (1.0 + exp(-clamp(value, vec4<f32>(-88.0), vec4<f32>(88.0)))); }
     return value;
 }
 

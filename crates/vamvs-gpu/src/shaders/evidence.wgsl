@@ -22,8 +22,8 @@ const INPUTS: u32 = 6u; // vectors: these, six values, two zeros
 @group(0) @binding(8) var<storage, read_write> found: array<vec4<f32>>; // depth in planes, confidence of both volumes
 
 @compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let at = id.x;
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let at = id.y * groups.x * 64u + id.x;
     if at >= p.area { return; }
     for (var v = 0u; v < LOOKED; v++) { output[at * INPUTS + v] = looked[at * LOOKED + v]; }
     let u = fma(fine[at].x - 0.5 * f32(p.planes - 1u), p.step, around[at]);

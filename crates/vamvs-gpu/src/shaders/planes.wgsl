@@ -15,8 +15,8 @@ fn cost(plane: u32, at: u32) -> f32 {
 }
 
 @compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let at = id.x;
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let at = id.y * groups.x * 64u + id.x;
     if at >= p.area { return; }
     var least = cost(0u, at);
     var likeliest = 0u;

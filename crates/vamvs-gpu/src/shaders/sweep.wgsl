@@ -15,7 +15,7 @@ struct Sweep {
     step: f32, // planes around a depth: how far apart, in planes of the whole sweep
     first: u32, // the first share of this source view
     adds: u32, // whether it is added to what is there
-    depths: u32, // values of a pixel in `around`; 0: planes are those of the whole sweep
+    depths: u32, // whether planes are around those of `around`, or all of the sweep
 }
 
 @group(0) @binding(0) var<uniform> p: Sweep;

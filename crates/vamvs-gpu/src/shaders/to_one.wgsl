@@ -38,6 +38,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     var value = p.shift + sum.x + sum.y + sum.z + sum.w;
-    if p.sigmoid != 0u { value = 1.0 / (1.0 + exp(-value)); }
+    if p.sigmoid != 0u { value = 1.0 / (1.0 + exp(-clamp(value, -88.0, 88.0))); }
     output[p.first + (id.z * p.out_sides.y + id.y) * p.out_sides.z + id.x] = value;
 }

@@ -93,7 +93,7 @@ impl<'a> DepthMaps<'a> {
         self.forget_first(view);
         let maps = match made {
             Ok(maps) => maps,
-            Err(VamvsError::Cancelled) => return Err(VamvsError::Cancelled),
+            Err(error) if error.ends_all() => return Err(error),
             Err(error) => {
                 let left_out = LeftOut { view: name, reason: error.with_causes() };
                 let event = Event::left_out(&left_out);

@@ -129,7 +129,7 @@ impl<'a> Maker<'a> {
         let for_maps = memory.in_process(for_method).max(work.refinement_bytes());
         // Features are where the network is. In the process refinement needs room beside them.
         let for_others = for_method.max(memory.in_process(for_maps));
-        let capacity = usize::try_from(memory.free().saturating_sub(for_others)).unwrap_or(usize::MAX);
+        let capacity = usize::try_from(memory.for_features(for_others)).unwrap_or(usize::MAX);
         let (scene, photographs) = (&work.scene, &work.photographs);
         let two_passes = work.has_two_passes();
         Self {

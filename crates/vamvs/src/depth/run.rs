@@ -147,7 +147,7 @@ impl<'a> Run<'a> {
         }
         let made = match self.maker.make(view, plan, on_event) {
             Ok(made) => made,
-            Err(VamvsError::Cancelled) => return Err(VamvsError::Cancelled),
+            Err(error) if error.ends_all() => return Err(error),
             Err(error) => return Ok(Outcome::LeftOut(error.with_causes())),
         };
         let record = self.record(view, plan, &made.plan.sources, made.network_size);

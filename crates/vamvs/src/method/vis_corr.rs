@@ -83,7 +83,7 @@ impl VisCorr {
     pub(super) fn memory(&self, limit: MemoryLimit) -> MethodMemory {
         #[cfg(feature = "gpu")]
         if let Some(gpu) = &self.gpu {
-            return MethodMemory::of_pieces(gpu.gpu().adapter().largest_buffer);
+            return MethodMemory::of_pieces(gpu.gpu().adapter().largest_buffer, limit);
         }
         MethodMemory::of_process(limit)
     }
