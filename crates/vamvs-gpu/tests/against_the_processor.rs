@@ -74,11 +74,12 @@ fn assert_alike(gpu: &Estimate, processor: &Estimate, what: &str) {
 fn depth_maps_are_those_of_the_processor() {
     let Some(gpu) = gpu(u64::MAX) else { return };
     let on_gpu = vamvs_gpu::Network::new(gpu, &network()).expect("the network");
-    // Sides that are multiples of 8 and sides that are not, both spacings, one source and three.
-    for (size, views, spacing) in
-        [(Size::new(128, 96), 4, Spacing::InverseDepth), (Size::new(107, 83), 2, Spacing::Depth)]
-    {
-        let (photos, planes) = (photos(size, views), planes(spacing));
+    // Sides and planes that are multiples of 8 and such that are not, both spacings, one source and three.
+    for (size, views, planes) in [
+        (Size::new(128, 96), 4, planes(24, Spacing::InverseDepth)),
+        (Size::new(107, 83), 2, planes(21, Spacing::Depth)),
+    ] {
+        let photos = photos(size, views);
         let encoded: Vec<_> = photos.iter().map(|photo| on_gpu.encode(photo).expect("features")).collect();
         let sources: Vec<_> = encoded[1..].iter().collect();
         let found = on_gpu.estimate(&encoded[0], &sources, &planes, &mut |_, run| run());
