@@ -56,11 +56,11 @@ fn apart(a: &Grid<f32>, b: &Grid<f32>, tolerance: impl Fn(f32) -> f32) -> f64 {
 }
 
 fn assert_alike(gpu: &Estimate, processor: &Estimate, what: &str) {
-    let depth = apart(&processor.map.depth, &gpu.map.depth, |depth| 1e-3 * depth);
-    assert!(depth <= 0.005, "{what}: {:.2} % of the depths differ by more than 0.1 %", 100.0 * depth);
-    let confidence = apart(&processor.map.confidence, &gpu.map.confidence, |_| 0.01);
+    let depth = apart(&processor.map.depth, &gpu.map.depth, |depth| 1e-5 * depth);
+    assert!(depth <= 0.005, "{what}: {:.2} % of the depths differ by more than 10⁻⁵", 100.0 * depth);
+    let confidence = apart(&processor.map.confidence, &gpu.map.confidence, |_| 1e-3);
     assert!(confidence <= 0.005, "{what}: {:.2} % of the confidences differ", 100.0 * confidence);
-    let surface = apart(&processor.surface, &gpu.surface, |_| 0.01);
+    let surface = apart(&processor.surface, &gpu.surface, |_| 1e-3);
     assert!(surface <= 0.005, "{what}: {:.2} % of the surfaces differ", 100.0 * surface);
     assert_eq!(gpu.visibility.len(), processor.visibility.len());
     for (a, b) in gpu.visibility.iter().zip(&processor.visibility) {
