@@ -30,6 +30,11 @@ impl Check {
         self.run_built(name, &["--features", "vamvs-cli/torch"])
     }
 
+    /// As [`Check::run`], of a check that makes synthetic scenes with `vamvs synth`.
+    pub fn run_with_synth(&self, name: &str) -> Result<()> {
+        self.run_built(name, &["--features", "vamvs-cli/synth"])
+    }
+
     fn run_built(&self, name: &str, features: &[&str]) -> Result<()> {
         let packages = ["build", "--release", "-p", "vamvs-cli", "-p", "vamvs-checks"];
         run("build", cargo(&packages).args(features))?;

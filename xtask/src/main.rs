@@ -76,7 +76,7 @@ fn main() -> ExitCode {
         Command::Paper(check) => check.run_with_libtorch("paper"),
         Command::Stress(check) => check.run("stress"),
         Command::Aerial(check) => check.run("aerial"),
-        Command::Soak(check) => check.run("soak"),
+        Command::Soak(check) => check.run_with_synth("soak"),
         Command::ReportCheck(check) => check.run("report-check"),
     };
     if let Err(error) = &done {

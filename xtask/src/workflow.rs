@@ -28,7 +28,7 @@ pub struct Cluster {}
 impl Cluster {
     pub fn run(&self) -> Result<()> {
         setup::ensure_any()?;
-        run("build", &mut cargo(&["build", "--release", "-p", "vamvs-cli"]))?;
+        run("build", &mut cargo(&["build", "--release", "-p", "vamvs-cli", "--features", "synth"]))?;
         let vamvs = target()?.join(format!("release/vamvs{}", std::env::consts::EXE_SUFFIX));
         let folder = target()?.join("cluster");
         let site = site(&[SNAKEMAKE, "snakemake-executor-plugin-slurm==2.8.0"])?;

@@ -7,6 +7,7 @@ mod fusion;
 mod input;
 mod mesh;
 mod refine;
+#[cfg(feature = "synth")]
 mod synth;
 mod tasks;
 #[cfg(feature = "torch")]
@@ -32,6 +33,7 @@ pub use fusion::{FusionFlags, Preset};
 pub use input::InputFlags;
 pub use mesh::{MeshArguments, MeshFlags};
 pub use refine::RefineArguments;
+#[cfg(feature = "synth")]
 pub use synth::{AssetFlags, SynthArguments};
 pub use tasks::{DepthCommand, DepthStepFlags, DepthTask, TasksArguments};
 pub use tasks::{FusionStepFlags, FusionTask, MeshStepFlags, MeshTask};
@@ -74,8 +76,13 @@ pub enum Command {
     )]
     Report(ReportArguments),
     /// Render synthetic scenes with exact depth and visibility.
+    #[cfg(feature = "synth")]
     #[command(after_help = synth::EXAMPLES)]
     Synth(SynthArguments),
+    /// As above, in a build with the feature `synth`.
+    #[cfg(not(feature = "synth"))]
+    #[command(hide = true)]
+    Synth(Absent),
     /// Make training scenes of reconstructions: depths that several views verify are pseudo ground truth.
     #[command(after_help = PSEUDO_EXAMPLES)]
     Pseudo(PseudoArguments),
@@ -83,10 +90,18 @@ pub enum Command {
     #[cfg(feature = "torch")]
     #[command(after_help = train::EXAMPLES)]
     Train(TrainArguments),
+    /// As above, in a build with libtorch.
+    #[cfg(not(feature = "torch"))]
+    #[command(hide = true)]
+    Train(Absent),
     /// Calibrate the confidence of a network: make it the share of depths that are right.
     #[cfg(feature = "torch")]
     #[command(after_help = calibrate::EXAMPLES)]
     Calibrate(CalibrateArguments),
+    /// As above, in a build with libtorch.
+    #[cfg(not(feature = "torch"))]
+    #[command(hide = true)]
+    Calibrate(Absent),
     /// Compare depth maps, clouds or whole scenes with ground truth.
     #[command(after_help = eval::EXAMPLES)]
     Eval(EvalArguments),
@@ -133,10 +148,22 @@ impl Command {
             Self::Reconstruct(arguments) if arguments.depth.force => GOES_ON_WITHOUT_FORCE,
             Self::Depth(DepthCommand { depth, .. }) if depth.force => GOES_ON_WITHOUT_FORCE,
             Self::Refine(arguments) if arguments.force => GOES_ON_WITHOUT_FORCE,
-            Self::Reconstruct(_) | Self::Depth(_) | Self::Synth(_) | Self::Refine(_) => GOES_ON,
+            #[cfg(feature = "synth")]
+            Self::Synth(_) => GOES_ON,
+            Self::Reconstruct(_) | Self::Depth(_) | Self::Refine(_) => GOES_ON,
             _ => "stopped; no file is half-written, the same command again starts anew",
         }
     }
+}
+
+/// The arguments, unread, of a command that this build is without.
+#[cfg(not(all(feature = "synth", feature = "torch")))]
+#[derive(Debug, Args)]
+#[command(disable_help_flag = true)]
+pub struct Absent {
+    /// Any.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    arguments: Vec<std::ffi::OsString>,
 }
 
 /// For commands that keep finished work.

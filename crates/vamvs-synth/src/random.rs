@@ -2,11 +2,14 @@
 
 use std::f64::consts::TAU;
 
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
+#[cfg(any(feature = "scenes", test))]
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
 /// The random numbers of `scene` for a `purpose`. Each scene and each purpose has its own stream, so that drawing
 /// one number more for one purpose does not change the others.
+#[cfg(any(feature = "scenes", test))]
 pub(crate) fn stream(seed: u64, scene: u64, purpose: &str) -> Pcg64 {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&seed.to_le_bytes()).update(&scene.to_le_bytes()).update(purpose.as_bytes());

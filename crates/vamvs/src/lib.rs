@@ -56,6 +56,8 @@ pub use memory::MemoryLimit;
 pub use mesh::{MeshSummary, PartialMesh, mesh, mesh_in_memory, mesh_of};
 #[cfg(feature = "torch")]
 pub use method::NetworkMethod;
+#[cfg(not(feature = "torch"))]
+pub use method::WITH_LIBTORCH;
 pub use method::{Method, VisCorr};
 pub use options::{DepthOptions, FusionOptions, Stretching};
 pub use output::OutputFolder;

@@ -22,6 +22,11 @@ use crate::fit::MethodMemory;
 use crate::output::ConfidenceKind;
 use crate::{DepthOptions, MemoryLimit, Quality, VamvsError, ViewPlan, weights};
 
+/// How to get what this build is without.
+#[cfg(not(feature = "torch"))]
+pub const WITH_LIBTORCH: &str =
+    "a build with libtorch (`cargo xtask setup`, then `cargo build --release -p vamvs-cli --features torch`)";
+
 /// The largest factor by which light networks see small photographs enlarged.
 const ENLARGES_BY: f64 = 2.0;
 
@@ -148,7 +153,7 @@ impl Method {
         #[cfg(not(feature = "torch"))]
         Err(VamvsError::Request(format!(
             "this vamvs was built without libtorch, which {}{} needs: expected --weights vis-corr, a .safetensors file or none, on \
-             the processor, or a build with the feature `torch`",
+             the processor, or {WITH_LIBTORCH}",
             name.display(),
             device.map_or(String::new(), |device| format!(" on {device}")),
         )))

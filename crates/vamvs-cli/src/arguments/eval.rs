@@ -35,6 +35,10 @@ pub enum EvalCommand {
     /// Measure networks on scenes with ground truth, after each stage, and by visibility in the source views.
     #[cfg(feature = "torch")]
     Network(EvalNetworkArguments),
+    /// As above, in a build with libtorch.
+    #[cfg(not(feature = "torch"))]
+    #[command(hide = true)]
+    Network(super::Absent),
 }
 
 /// `eval depth`.

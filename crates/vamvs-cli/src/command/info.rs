@@ -88,7 +88,11 @@ fn device() -> Result<Map<String, Value>> {
 
 #[cfg(not(feature = "torch"))]
 fn weights(path: &Path) -> Result<Map<String, Value>> {
-    bail!("{}: this vamvs was built without libtorch and cannot read networks", path.display())
+    bail!(
+        "{}: this vamvs was built without libtorch, which TorchScript modules need: expected {}",
+        path.display(),
+        vamvs::WITH_LIBTORCH
+    )
 }
 
 fn folder(folder: &Path) -> Result<Map<String, Value>> {

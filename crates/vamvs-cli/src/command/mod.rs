@@ -13,6 +13,7 @@ mod pseudo;
 mod reconstruct;
 mod refine;
 mod report;
+#[cfg(feature = "synth")]
 mod synth;
 mod tasks;
 #[cfg(feature = "torch")]
@@ -41,18 +42,37 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Refine(arguments) => refine::run(arguments),
         Command::Fuse(arguments) => fuse::run(arguments),
         Command::Mesh(arguments) => mesh::run(arguments),
+        #[cfg(feature = "synth")]
         Command::Synth(arguments) => synth::run(arguments),
+        #[cfg(not(feature = "synth"))]
+        Command::Synth(_) => bail!(
+            "this vamvs was built without synthetic scenes, which `vamvs synth` makes: expected a build with them (`cargo build \
+             --release -p vamvs-cli --features synth`)"
+        ),
         Command::Pseudo(arguments) => pseudo::run(arguments),
         #[cfg(feature = "torch")]
         Command::Train(arguments) => train::run(arguments),
         #[cfg(feature = "torch")]
         Command::Calibrate(arguments) => calibrate::run(arguments),
+        #[cfg(not(feature = "torch"))]
+        Command::Train(_) => needs_libtorch("train"),
+        #[cfg(not(feature = "torch"))]
+        Command::Calibrate(_) => needs_libtorch("calibrate"),
         Command::Eval(arguments) => eval::run(arguments),
         Command::Info(arguments) => info::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Completions(arguments) => manual::completions(arguments),
         Command::Man(arguments) => manual::run(arguments),
     }
+}
+
+/// A command that this build is without.
+#[cfg(not(feature = "torch"))]
+fn needs_libtorch(command: &str) -> Result<()> {
+    bail!(
+        "this vamvs was built without libtorch, which `vamvs {command}` needs: expected {}",
+        vamvs::WITH_LIBTORCH
+    )
 }
 
 /// Opens depth maps; the scene of the flags, if there is one, has the cameras and photographs of a folder that has none.

@@ -26,6 +26,7 @@ mod report;
 #[cfg(feature = "torch")]
 mod resume;
 mod scene;
+#[cfg(feature = "synth")]
 mod synth;
 mod tasks;
 mod terminal;

@@ -3,7 +3,7 @@
 use crate::fuse::true_maps;
 use crate::scene::{Scene, content, expect_success, stderr, vamvs};
 
-#[cfg(unix)]
+#[cfg(all(unix, feature = "synth"))]
 #[test]
 fn an_interrupted_run_says_how_to_go_on_and_leaves_nothing_half_written() {
     use std::process::{Command, Stdio};
@@ -46,7 +46,7 @@ fn an_interrupted_run_says_how_to_go_on_and_leaves_nothing_half_written() {
 
 /// The farewell cannot be written, because the pipe is full and nobody reads it: the first Ctrl-C
 /// waits forever.
-#[cfg(unix)]
+#[cfg(all(unix, feature = "synth"))]
 #[test]
 fn a_second_interruption_ends_at_once() {
     use std::io::Write;

@@ -1,6 +1,8 @@
 //! `--weights none`: depth maps by a plane sweep, in the build without libtorch too.
 
 use crate::scene::{Scene, content, expect_success, right, stderr};
+#[cfg(not(feature = "torch"))]
+use crate::scene::{error_of, vamvs};
 use vamvs::core::Size;
 use vamvs::io::pfm;
 use vamvs::output::OutputFolder;
@@ -62,4 +64,23 @@ fn a_network_is_refused_where_there_is_no_libtorch() {
     let scene = Scene::new(160, 120, 3);
     let said = scene.error("depth", &["--weights", "vis-max"]);
     assert!(said.contains("built without libtorch") && said.contains("vis-corr"), "{said}");
+}
+
+/// They exist in other builds: whoever follows a guide is not told that there is no such command.
+#[test]
+#[cfg(not(feature = "torch"))]
+fn commands_of_other_builds_say_how_to_get_these() {
+    for command in
+        [&["train", "--data", "set"][..], &["calibrate", "--help"], &["eval", "network", "--views", "5"]]
+    {
+        let said = error_of(&vamvs().args(command).output().unwrap());
+        assert!(said.contains("built without libtorch") && said.contains("--features torch"), "{said}");
+    }
+    #[cfg(not(feature = "synth"))]
+    {
+        let said = error_of(&vamvs().args(["synth", "--out", "set"]).output().unwrap());
+        assert!(said.contains("--features synth"), "{said}");
+    }
+    let help = vamvs().arg("--help").output().unwrap().stdout;
+    assert!(!String::from_utf8_lossy(&help).contains("  train "));
 }

@@ -23,6 +23,8 @@ pub fn run(arguments: &EvalArguments) -> Result<()> {
         EvalCommand::Scene(arguments) => scene::run(arguments),
         #[cfg(feature = "torch")]
         EvalCommand::Network(arguments) => network::run(arguments),
+        #[cfg(not(feature = "torch"))]
+        EvalCommand::Network(_) => super::needs_libtorch("eval network"),
     }
 }
 
