@@ -28,8 +28,9 @@ fn photograph(criterion: &mut Criterion) {
         for (name, least) in [("whole", usize::MAX), ("reduced", width)] {
             group.bench_function(BenchmarkId::new(name, width), |bencher| {
                 bencher.iter(|| {
-                    let loaded =
-                        image::load_for_camera(&path, &camera, |_| least, None).expect("the JPEG is sound").0;
+                    let loaded = image::load_for_camera(&path, &camera, &|_| least, None)
+                        .expect("the JPEG is sound")
+                        .0;
                     let to = Size::new(width, width * 3 / 4);
                     black_box(if loaded.rgb.size() == to {
                         loaded.rgb

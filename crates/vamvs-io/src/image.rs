@@ -92,7 +92,7 @@ pub fn load_rgb(path: &Path) -> Result<Grid<Rgb>, IoError> {
 pub fn load_for_camera(
     path: &Path,
     camera: &Camera,
-    longer_side: impl Fn(Size) -> usize,
+    longer_side: &dyn Fn(Size) -> usize,
     stretch: Option<Stretch>,
 ) -> Result<(LoadedImage, Camera), IoError> {
     let Decoded { mut image, stored, orientation } = decode_at_least(path, longer_side)?;
@@ -220,7 +220,7 @@ fn save_png(path: &Path, bytes: &[u8], size: Size, color: ExtendedColorType) -> 
     atomic::write(path, |out: &mut dyn Write| encode_png(out, bytes, size, color))
 }
 
-fn encode_png(out: impl Write, bytes: &[u8], size: Size, color: ExtendedColorType) -> io::Result<()> {
+fn encode_png(out: &mut dyn Write, bytes: &[u8], size: Size, color: ExtendedColorType) -> io::Result<()> {
     PngEncoder::new(out)
         .write_image(bytes, size.width as u32, size.height as u32, color)
         .map_err(io::Error::other)
@@ -228,12 +228,12 @@ fn encode_png(out: impl Write, bytes: &[u8], size: Size, color: ExtendedColorTyp
 
 /// Decodes a file by the format of its content; the extension is ignored.
 pub(crate) fn decode(path: &Path) -> Result<DynamicImage, IoError> {
-    Ok(decode_at_least(path, |_| usize::MAX)?.image)
+    Ok(decode_at_least(path, &|_| usize::MAX)?.image)
 }
 
 /// Decodes a file; a JPEG at a reduced size if its longer side then still has as many pixels as `longer_side` asks of
 /// an image of its size.
-fn decode_at_least(path: &Path, longer_side: impl Fn(Size) -> usize) -> Result<Decoded, IoError> {
+fn decode_at_least(path: &Path, longer_side: &dyn Fn(Size) -> usize) -> Result<Decoded, IoError> {
     let bytes = read_limited(path)?;
     let format = ::image::guess_format(&bytes).map_err(|error| unreadable(path, &bytes, error))?;
     if format == ImageFormat::Jpeg && !jpeg::is_complete(&bytes) {
@@ -256,7 +256,7 @@ struct Decoded {
 fn decode_bytes(
     bytes: &[u8],
     format: ImageFormat,
-    longer_side: impl Fn(Size) -> usize,
+    longer_side: &dyn Fn(Size) -> usize,
 ) -> ::image::ImageResult<Decoded> {
     let mut limits = Limits::no_limits();
     limits.max_alloc = Some(MAX_BYTES);

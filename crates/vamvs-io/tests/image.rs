@@ -133,13 +133,13 @@ fn orientation_is_applied_only_where_the_camera_asks_for_it() {
         ((4, 8), &rotated, true, true),
     ] {
         let given = camera(camera_size.0, camera_size.1);
-        let (loaded, camera) = image::load_for_camera(&path, &given, every_pixel, None).unwrap();
+        let (loaded, camera) = image::load_for_camera(&path, &given, &every_pixel, None).unwrap();
         assert_eq!(&loaded.rgb, expected, "{camera_size:?}");
         assert_eq!((loaded.exif_rotated, loaded.note.is_some()), (turned, resized), "{camera_size:?}");
         assert_eq!(camera, given.resized(expected.size()));
     }
     let upside_down = save(folder.path(), "3.png", &oriented_png(3));
-    let (loaded, _) = image::load_for_camera(&upside_down, &camera(4, 2), every_pixel, None).unwrap();
+    let (loaded, _) = image::load_for_camera(&upside_down, &camera(4, 2), &every_pixel, None).unwrap();
     assert_eq!((loaded.rgb, loaded.exif_rotated), (stored, false));
 }
 
@@ -152,7 +152,7 @@ fn a_jpeg_with_orientation_is_turned_and_its_stored_size_is_not() {
     encoder.write_image(stored_pixels().data().as_flattened(), 4, 2, ExtendedColorType::Rgb8).unwrap();
     let path = save(folder.path(), "8.jpg", &bytes);
     assert_eq!(image::stored_size(&path).unwrap(), Size::new(4, 2));
-    assert!(image::load_for_camera(&path, &camera(2, 4), every_pixel, None).unwrap().0.exif_rotated);
+    assert!(image::load_for_camera(&path, &camera(2, 4), &every_pixel, None).unwrap().0.exif_rotated);
 }
 
 /// Of a photograph of slow waves, the mean of each block of pixels; the camera stays that of the whole photograph.
@@ -171,7 +171,7 @@ fn a_large_jpeg_is_decoded_at_a_reduced_size() {
     for (longer_side, reduction) in [(193, 1), (192, 1), (97, 1), (96, 2), (49, 2), (48, 4), (24, 8), (1, 8)]
     {
         let (loaded, camera) =
-            image::load_for_camera(&path, &camera(192, 96), |_| longer_side, None).unwrap();
+            image::load_for_camera(&path, &camera(192, 96), &|_| longer_side, None).unwrap();
         assert_eq!((camera.size, loaded.note), (Size::new(192, 96), None));
         assert_eq!(loaded.rgb.size(), Size::new(192 / reduction, 96 / reduction), "{longer_side}");
         for y in 0..96 / reduction {
@@ -200,7 +200,7 @@ fn a_jpeg_that_cannot_be_reduced_is_decoded_whole() {
     let odd = encode(::image::RgbImage::new(63, 48), ImageFormat::Jpeg);
     for (bytes, width, height) in [(odd, 63, 48), (cmyk_jpeg([true; 4]), 8, 8)] {
         let path = save(folder.path(), "photo.jpg", &bytes);
-        let (loaded, _) = image::load_for_camera(&path, &camera(width, height), |_| 1, None).unwrap();
+        let (loaded, _) = image::load_for_camera(&path, &camera(width, height), &|_| 1, None).unwrap();
         assert_eq!(loaded.rgb.size(), Size::new(width, height));
     }
 }
@@ -210,11 +210,12 @@ fn an_image_of_another_shape_than_its_camera_is_refused_with_both_sizes() {
     let folder = tempdir().unwrap();
     let path = save(folder.path(), "a.png", &oriented_png(1));
     for (width, height) in [(2, 4), (4, 3), (100, 52)] {
-        let error =
-            image::load_for_camera(&path, &camera(width, height), every_pixel, None).unwrap_err().to_string();
+        let error = image::load_for_camera(&path, &camera(width, height), &every_pixel, None)
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("4×2") && error.contains(&format!("{width}×{height}")), "{error}");
     }
-    assert!(image::load_for_camera(&path, &camera(201, 100), every_pixel, None).is_ok());
+    assert!(image::load_for_camera(&path, &camera(201, 100), &every_pixel, None).is_ok());
 }
 
 #[test]
@@ -352,7 +353,7 @@ fn values_of_16_bits_are_stretched() {
     let path = folder.path().join("thermal.png");
     image::save_png_gray16(&path, &Grid::from_vec(Size::new(4, 1), vec![7000, 7300, 7425, 7550])).unwrap();
     let stretch = Some(image::Stretch { low: 7300, high: 7550 });
-    let (loaded, _) = image::load_for_camera(&path, &camera(4, 1), every_pixel, stretch).unwrap();
+    let (loaded, _) = image::load_for_camera(&path, &camera(4, 1), &every_pixel, stretch).unwrap();
     assert_eq!(loaded.rgb.data(), [0, 0, 128, 255].map(|grey| [grey; 3]));
     let mut values = image::values_of_16_bits(&path, 1000).unwrap().unwrap();
     values.dedup();
@@ -360,7 +361,7 @@ fn values_of_16_bits_are_stretched() {
     let eight = folder.path().join("eight.png");
     image::save_png_gray8(&eight, &Grid::from_vec(Size::new(2, 1), vec![3, 200])).unwrap();
     assert_eq!(image::values_of_16_bits(&eight, 1000).unwrap(), None);
-    let (loaded, _) = image::load_for_camera(&eight, &camera(2, 1), every_pixel, stretch).unwrap();
+    let (loaded, _) = image::load_for_camera(&eight, &camera(2, 1), &every_pixel, stretch).unwrap();
     assert_eq!(loaded.rgb.data(), [[3; 3], [200; 3]], "8 bits stay");
 }
 

@@ -125,7 +125,7 @@ fn some_points_of_many_are_those_of_the_whole() {
     ply::write(&path, &cloud).unwrap();
     let places = [0, 1, 65_535, 65_536, 131_072, 200_002];
     let (count, some) =
-        ply::read_some(&path, |count| places.iter().copied().filter(|&i| i < count).collect()).unwrap();
+        ply::read_some(&path, &|count| places.iter().copied().filter(|&i| i < count).collect()).unwrap();
     assert_eq!(count, cloud.len());
     assert_eq!(some, places.iter().map(|&i| cloud[i]).collect::<Vec<_>>());
     assert_eq!(ply::read(&path).unwrap().len(), cloud.len());
@@ -134,7 +134,7 @@ fn some_points_of_many_are_those_of_the_whole() {
         "ply\nformat ascii 1.0\nelement vertex 70000\nproperty float x\nproperty float y\nproperty float z\n";
     let lines: String = (0..70_000).map(|i| format!("{i} 1 2\n")).collect();
     save(folder.path(), &format!("{header}end_header\n"), lines.as_bytes());
-    let (count, some) = ply::read_some(&path, |_| vec![3, 65_536, 69_999]).unwrap();
+    let (count, some) = ply::read_some(&path, &|_| vec![3, 65_536, 69_999]).unwrap();
     assert_eq!(count, 70_000);
     assert_eq!(some.iter().map(|point| point.x_in_world[0]).collect::<Vec<_>>(), [3.0, 65_536.0, 69_999.0]);
 }

@@ -273,7 +273,7 @@ impl Photographs {
             (wanted * photograph.longer_side()).div_ceil(size.longer_side())
         };
         let Taken { picture: Picture { image, mask }, camera, note } =
-            self.origin.taken(view, needed, self.stretch)?;
+            self.origin.taken(view, &needed, self.stretch)?;
         let undistortion = Undistortion::new(&camera);
         let size = self.working_size(camera.size);
         let mask = undistortion.resized(camera.photograph_size(), size).mask(mask.as_ref());
@@ -308,7 +308,7 @@ impl Origin {
     fn taken(
         &self,
         view: &View,
-        longer_side: impl Fn(Size) -> usize,
+        longer_side: &dyn Fn(Size) -> usize,
         stretch: Option<Stretch>,
     ) -> Result<Taken, VamvsError> {
         match self {

@@ -36,7 +36,7 @@ pub fn read(path: &Path) -> Result<Cloud, IoError> {
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_some(path: &Path, choose: impl FnOnce(usize) -> Vec<usize>) -> Result<(usize, Cloud), IoError> {
+pub fn read_some(path: &Path, choose: &dyn Fn(usize) -> Vec<usize>) -> Result<(usize, Cloud), IoError> {
     let (mut reader, header) = open_vertices(path)?;
     let count = header.elements.get(vertex::NAME).map_or(0, |vertices| vertices.count);
     if let Some(bytes) = equal_records(&header) {
@@ -176,7 +176,7 @@ fn read_payload<T: PropertyAccess>(
     reader: &mut Reader<BufReader<File>>,
     header: &Header,
     part: usize,
-    visit: &mut impl FnMut(Vec<T>),
+    visit: &mut dyn FnMut(Vec<T>),
 ) -> Result<(), ParseError> {
     for element in header.elements.values() {
         if element.name != vertex::NAME {
@@ -193,7 +193,7 @@ pub(super) fn read_parts<T: PropertyAccess>(
     reader: &mut Reader<BufReader<File>>,
     (element, header): (&ElementDef, &Header),
     part: usize,
-    visit: &mut impl FnMut(Vec<T>),
+    visit: &mut dyn FnMut(Vec<T>),
 ) -> Result<(), ParseError> {
     let mut left = element.count;
     while left > 0 {

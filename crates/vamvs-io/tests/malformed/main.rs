@@ -137,9 +137,9 @@ fn a_photograph_without_header_does_not_end_a_scene() {
             let loaded = read(folder.path()).unwrap();
             assert_eq!(loaded.scene, whole.scene);
             let [a, b] = &loaded.scene.views[..] else { panic!("two views") };
-            assert!(image::load_for_camera(&loaded.images.join(&a.name), &a.camera, |_| 1, None).is_ok());
+            assert!(image::load_for_camera(&loaded.images.join(&a.name), &a.camera, &|_| 1, None).is_ok());
             let error =
-                image::load_for_camera(&loaded.images.join(&b.name), &b.camera, |_| 1, None).unwrap_err();
+                image::load_for_camera(&loaded.images.join(&b.name), &b.camera, &|_| 1, None).unwrap_err();
             assert!(error.to_string().contains("b.png"), "{error}");
         }
     }

@@ -63,7 +63,7 @@ pub fn read_reduced(path: &Path) -> bool {
     let Ok(size) = image::stored_size(path) else { return false };
     let intrinsics = Intrinsics { fx: 9.0, fy: 9.0, cx: 4.0, cy: 3.0 };
     let camera = Camera { size, intrinsics, lens: Lens::None };
-    image::load_for_camera(path, &camera, |_| 1, None).is_ok_and(|(_, camera)| camera.size == size)
+    image::load_for_camera(path, &camera, &|_| 1, None).is_ok_and(|(_, camera)| camera.size == size)
 }
 
 /// Whether an image can be decoded and has the size in its header.

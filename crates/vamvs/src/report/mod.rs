@@ -144,7 +144,7 @@ impl<'a> Report<'a> {
     fn cloud(&self, page: &mut Page) -> Result<(), VamvsError> {
         page.heading(if self.fusion.is_some() { "The cloud" } else { "Cameras" });
         let file = self.fusion.as_ref().map(|fusion| fusion.cloud(self.maps.root()));
-        let cloud = file.map(|file| ply::read_some(&file, CloudView::sample_indices)).transpose()?;
+        let cloud = file.map(|file| ply::read_some(&file, &CloudView::sample_indices)).transpose()?;
         let camera = |view: usize| ShownCamera {
             name: self.maps.names()[view].clone(),
             camera: *self.maps.camera(view),
