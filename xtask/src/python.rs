@@ -14,8 +14,8 @@ use crate::{cargo, pip, setup};
 /// Build the Python package `vamvs` as a wheel.
 #[derive(Args)]
 pub struct Wheel {
-    /// With TorchScript modules, GPUs by CUDA and training. That wheel uses the libtorch of the package torch: `pip install
-    /// "vamvs[torch]"` installs it.
+    /// The package `vamvs-torch` instead, the extra `torch` of `vamvs`: with it that has TorchScript modules, GPUs by CUDA and training, by
+    /// the libtorch of the package torch.
     #[arg(long)]
     torch: bool,
     /// Folder for the wheel.
@@ -33,10 +33,8 @@ impl Wheel {
         let out = root().join(&self.out);
         let mut maturin =
             Command::new(tools.join("bin").join(format!("maturin{}", std::env::consts::EXE_SUFFIX)));
-        maturin.args(["build", "--release", "--out"]).arg(&out).current_dir(package());
-        if self.torch {
-            maturin.args(["--features", "torch"]);
-        }
+        let folder = if self.torch { package().join("torch") } else { package() };
+        maturin.args(["build", "--release", "--out"]).arg(&out).current_dir(folder);
         // maturin builds with other flags: in a shared target folder each would make the other rebuild everything.
         run("wheel", maturin.env("PYTHONPATH", &tools).env("CARGO_TARGET_DIR", target()?.join("wheel")))?;
         println!("the wheel is in {}", out.display());
@@ -57,16 +55,29 @@ pub fn test() -> Result<()> {
     run("test the Python package", pytest.env("PYTHONPATH", &site).env("PYTHONDONTWRITEBYTECODE", "1"))
 }
 
-/// Puts the package and a stand-in for torch into the folder of installed packages `site`.
+/// Puts both packages and a stand-in for torch into the folder of installed packages `site`.
 fn assemble(site: &Path) -> Result<()> {
-    let (vamvs, torch) = (site.join("vamvs"), site.join("torch"));
-    [&vamvs, &torch].into_iter().try_for_each(|folder| remove(folder))?;
-    copy(&target()?.join("debug/lib_vamvs.so"), &vamvs.join("_vamvs.abi3.so"))?;
+    let [vamvs, with_torch, torch] = ["vamvs", "vamvs_torch", "torch"].map(|name| site.join(name));
+    [&vamvs, &with_torch, &torch].into_iter().try_for_each(|folder| remove(folder))?;
     copy(&package().join("python/vamvs/__init__.py"), &vamvs.join("__init__.py"))?;
+    copy(&package().join("torch/python/vamvs_torch/__init__.py"), &with_torch.join("__init__.py"))?;
+    copy(&target()?.join("debug/lib_vamvs.so"), &with_torch.join("_vamvs.abi3.so"))?;
     copy(&package().join("tests/no_torch.py"), &torch.join("__init__.py"))?;
     setup::symlink(&setup::used_folder().join("lib"), &torch.join("lib"))
 }
 
 fn package() -> PathBuf {
     root().join("crates/vamvs-python")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_extra_is_of_the_same_version() {
+        let about = std::fs::read_to_string(package().join("pyproject.toml")).unwrap();
+        let pinned = format!("torch = [\"vamvs-torch=={}\"]", env!("CARGO_PKG_VERSION"));
+        assert!(about.contains(&pinned), "expected {pinned}");
+    }
 }

@@ -158,8 +158,11 @@ impl Real {
 
     /// Fuses and measures another program's depth maps, by both rules of consistency.
     fn other_program(&self, scene: &RealScene, name: &str, maps: &Path) -> Result<Vec<Row>> {
+        let views = cameras::read(maps)?.len();
+        // Of two views no more than two can agree.
+        let counted = ["--consistency", "classic", "--min-views", if views < 3 { "2" } else { "3" }];
         let mut rows = Vec::new();
-        for (rule, flags) in [("", &[][..]), (", counted", &["--consistency", "classic"][..])] {
+        for (rule, flags) in [("", &[][..]), (", counted", &counted[..])] {
             let cloud = |maps: &Path, file: &str| -> Result<Vec<CloudPoint>> {
                 let file = self.out.join(&scene.name).join(format!("{name}{rule}{file}.ply"));
                 let mut fuse = Command::new(vamvs::binary()?);

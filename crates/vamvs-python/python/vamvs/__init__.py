@@ -15,11 +15,9 @@ or step by step, with NumPy arrays in between and no file written:
 
 from __future__ import annotations
 
-import ctypes
 import importlib.util
 import os
 import sys
-from pathlib import Path
 
 __all__ = [
     "Cancelled",
@@ -36,47 +34,14 @@ __all__ = [
     "reconstruct",
 ]
 
-# Libraries of the torch package that the extension needs, in the order of loading.
-_LIBRARIES = ("libc10.so", "libtorch_cpu.so")
-# Libraries for GPUs, if they exist.
-_CUDA = ("libc10_cuda.so", "libtorch_cuda.so")
-
 
 def _load():
-    """Loads the extension and, if it was built with it, before that the libtorch of the torch package."""
-    if (loaded := sys.modules.get("vamvs._vamvs")) is not None:
-        return loaded
-    try:
+    """The extension: of the package vamvs-torch, if that is installed, or else the package's own."""
+    if importlib.util.find_spec("vamvs_torch") is None:
         from . import _vamvs
-    except ImportError as error:
-        if "torch" not in str(error) and "libc10" not in str(error):
-            raise
     else:
-        return _vamvs
-    torch = importlib.util.find_spec("torch")
-    if torch is None or not torch.submodule_search_locations:
-        raise ImportError('this build of vamvs needs the package torch, version 2.11.0: pip install "vamvs[torch]"')
-    folder = Path(torch.submodule_search_locations[0]) / "lib"
-    if "torch" not in sys.modules:
-        _load_libraries(folder)
-    from . import _vamvs
-
+        from vamvs_torch import _vamvs
     return _vamvs
-
-
-def _load_libraries(folder: Path) -> None:
-    # libtorch_cpu.so needs two CUDA libraries even without a GPU. Its run path finds them in the
-    # packages next to torch.
-    if not (folder / "libtorch_cpu.so").is_file():
-        import torch  # noqa: F401  (another platform: torch knows its libraries)
-
-        return
-    for name in _LIBRARIES:
-        ctypes.CDLL(str(folder / name))
-    if Path("/dev/nvidiactl").exists():
-        for name in _CUDA:
-            if (folder / name).is_file():
-                ctypes.CDLL(str(folder / name))
 
 
 def __getattr__(name: str):
