@@ -5,10 +5,8 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Component, Path};
 
+use crate::image::EXTENSIONS;
 use crate::{IoError, names};
-
-/// Extensions of the formats that [`crate::image`] decodes, in lower case.
-pub(crate) const EXTENSIONS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
 
 /// How many missing images an error message names.
 const NAMED: usize = 5;

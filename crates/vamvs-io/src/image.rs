@@ -22,6 +22,9 @@ use vamvs_core::{Camera, Grid, Rgb, Size};
 
 use crate::{IoError, Place, atomic, jpeg};
 
+/// Extensions of the formats that are decoded, in lower case.
+pub(crate) const EXTENSIONS: [&str; 7] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp", "webp"];
+
 /// Limit, in bytes, of a decoded image and of an image file (358 million pixels of 8-bit RGB).
 const MAX_BYTES: u64 = 1 << 30;
 

@@ -5,6 +5,7 @@ use std::path::{Component, Path, PathBuf};
 
 use vamvs_core::{Scene, SparsePoint, View};
 
+use crate::image::EXTENSIONS;
 use crate::{IoError, Place, folder, names};
 
 /// Photographs that were found.
@@ -132,8 +133,7 @@ fn with_extension(path: PathBuf) -> Option<PathBuf> {
     }
     let name = path.file_name()?.to_str()?;
     let upper = |extension: &str| extension.to_uppercase();
-    let extensions =
-        folder::EXTENSIONS.iter().flat_map(|extension| [(*extension).to_owned(), upper(extension)]);
+    let extensions = EXTENSIONS.iter().flat_map(|extension| [(*extension).to_owned(), upper(extension)]);
     extensions.map(|extension| path.with_file_name(format!("{name}.{extension}"))).find(|path| path.is_file())
 }
 

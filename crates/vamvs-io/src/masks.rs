@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use vamvs_core::{Grid, Size};
 
-use crate::folder::EXTENSIONS;
+use crate::image::EXTENSIONS;
 use crate::{IoError, image};
 
 /// Where the masks of a scene's photographs are.

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use unicode_normalization::UnicodeNormalization;
 
-use crate::folder::EXTENSIONS;
+use crate::image::EXTENSIONS;
 
 /// The one of `found` that `name` nearly names; `None` if there is none or more than one. The whole path decides, or else the
 /// last part of it.

@@ -12,6 +12,7 @@
 //! This crate reads and writes no files.
 
 mod assembly;
+mod band;
 mod bricks;
 mod components;
 mod field;

@@ -4,8 +4,9 @@
 
 use vamvs_core::widened;
 
+use crate::band::{band, known_behind};
 use crate::pixel::{normal_of, sigma_of};
-use crate::view::{LEAST_SIGMA, SeenView, band};
+use crate::view::{LEAST_SIGMA, SeenView};
 
 /// Behind a surface its weight is 1 up to this share of the band...
 const SURE: f32 = 0.2;
@@ -15,10 +16,6 @@ const HIDDEN: f32 = 0.7;
 
 /// ... to this weight, which it has up to twice the band: there it is solid unless another view sees into it.
 const HIDDEN_WEIGHT: f32 = 0.03;
-
-/// It has that weight up to this multiple of what is near at least, so that all corners of a cell that the surface goes through
-/// are known.
-pub(crate) const CELL_BEHIND: f32 = 1.75;
 
 /// The weight of pixels at a jump of depth.
 const JUMP_WEIGHT: f32 = 0.2;
@@ -90,7 +87,7 @@ fn weigh_all(seen: &Seen, [x, y, z]: &Places, scale: &Scale, opinions: &mut Opin
             pixels / ((pixels + distance_in_band * distance_in_band) * (sigma * sigma + doubt * doubt));
         let share = ((distance / band + HIDDEN) * (1.0 / (HIDDEN - SURE))).clamp(0.0, 1.0);
         let declining = HIDDEN_WEIGHT + (1.0 - HIDDEN_WEIGHT) * share;
-        let is_known = distance >= -(2.0 * band).max(CELL_BEHIND * near);
+        let is_known = distance >= -known_behind(band, near);
         let behind = if is_known { declining * (1.0 - (1.0 - JUMP_WEIGHT) * seen.at_jump[i]) } else { 0.0 };
         // Seen through, unless another surface's pixel is beside this one.
         let beyond = 1.0 - seen.at_jump[i];

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use vamvs_core::{Pinhole, Pose};
 
+use crate::band::deepest_behind;
 use crate::rays::Rays;
-use crate::view::deepest_behind;
 
 /// How much longer a way to a surface may be along the ray than along the normal.
 const MOST_OBLIQUE: f32 = 12.0;

@@ -4,20 +4,11 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use vamvs_core::{Grid, Rgb, Size, depth_map};
 
-use crate::opinion::CELL_BEHIND;
+use crate::band::band;
 use crate::pixel::PixelSurface;
 use crate::rays::{Rays, derived_normal, given_normal};
 use crate::sight::Sight;
 use crate::{MeshError, MeshView, gaps};
-
-/// A depth is averaged with others up to this distance from it, in sizes of a pixel on the surface...
-const BAND_PIXELS: f32 = 2.5;
-
-/// ... or up to so many standard deviations, if that is more, ...
-const BAND_SIGMAS: f32 = 1.5;
-
-/// ... but not farther than this, in sizes of a pixel.
-const WIDEST_BAND: f32 = 6.0;
 
 /// The error of a depth that its standard deviation does not know, in sizes of a pixel on the surface.
 pub(crate) const LEAST_SIGMA: f32 = 0.3;
@@ -178,14 +169,4 @@ impl SeenView {
         let mut around = self.around((x, y));
         around.any(|other| self.surfaces[other].depth > 0.0 && self.distance_between(other, (x, y)) > JUMP)
     }
-}
-
-/// The largest distance behind a surface of places that a view says something of, sizes of a pixel.
-pub(crate) fn deepest_behind(near: f32) -> f32 {
-    (2.0 * WIDEST_BAND).max(CELL_BEHIND * near)
-}
-
-/// How far from a depth others are averaged with it.
-pub(crate) fn band(pixel: f32, sigma: f32) -> f32 {
-    (BAND_SIGMAS * sigma).max(BAND_PIXELS * pixel).min(WIDEST_BAND * pixel)
 }

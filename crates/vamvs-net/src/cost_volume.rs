@@ -202,7 +202,7 @@ impl<'a> Sweep<'a> {
             Some(around) => depth_of(planes, &planes_around(network, around)?)?,
         };
         let slab = (slab_bytes / plane_bytes).clamp(1, depths.size()[0] as usize);
-        let pairs = match native::layers(network, std::slice::from_ref(features))? {
+        let pairs = match network.kernel_layers(std::slice::from_ref(features))? {
             Some(Layers { relate: Some(mlp), ncc, .. }) => {
                 let sources: Vec<&Tensor> =
                     inputs.sources.iter().map(|source| &source.coarse[level]).collect();
@@ -241,7 +241,7 @@ impl Sweep<'_> {
     /// vis-corr: the mean over the source views of their correlations with the reference view, weighted by their
     /// visibility.
     fn correlate(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
-        if native::correlates(self.network, &self.reference.coarse) {
+        if self.network.kernels_correlate(&self.reference.coarse) {
             return self.correlate_natively(seen);
         }
         let mut reducer = self.network.manifest().aggregation.reducer();

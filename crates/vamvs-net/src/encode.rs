@@ -4,14 +4,9 @@ use tch::{Kind, TchError, Tensor};
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{Grid, Intrinsics, Photo, Pinhole, Pose, Rgb, Size};
 
+use crate::manifest::{FLOW_SCALES, LARGEST_STRIDE};
 use crate::native;
 use crate::{Device, Iteration, Manifest, NetError, Network};
-
-/// The stride of the paper's coarse features, which is the largest stride. Images are padded to a multiple of it.
-pub const LARGEST_STRIDE: usize = 8;
-
-/// The strides of the flow features.
-pub const FLOW_SCALES: [usize; 3] = [2, 4, 8];
 
 /// The features of a photograph, with its camera. The network may see the photograph enlarged (see
 /// [`Network::enlarge`]); sizes, strides and the camera are then those of the enlarged photograph.
@@ -71,8 +66,8 @@ impl Network {
         let image = image_tensor(photo)?.f_to_device(self.device())?;
         let large = enlarged(&image, enlarge)?;
         let mut levels = if flow { self.encode_flow(&large)? } else { self.without_flow(&large)? };
-        let runs_layers = native::runs_layers(self, &levels);
-        let correlates = |level: &Tensor| native::correlates(self, std::slice::from_ref(level));
+        let runs_layers = self.runs_layers(&levels);
+        let correlates = |level: &Tensor| self.kernels_correlate(std::slice::from_ref(level));
         for level in &mut levels {
             if runs_layers || correlates(level) {
                 *level = native::channels_last(level)?;

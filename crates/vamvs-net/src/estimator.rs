@@ -10,7 +10,7 @@ use vamvs_core::{DepthMap, Grid, MonotoneMap, Photo, Pinhole, Planes, Rgb, Size}
 use crate::cascade::{Fine, enlarged, keep_surfaces};
 use crate::coarse::{PlaneMap, soft_argmin, where_unsure};
 use crate::cost_volume::{self, Costs, SweepInputs};
-use crate::encode::LARGEST_STRIDE;
+use crate::manifest::LARGEST_STRIDE;
 use crate::manifest::check_iterations;
 use crate::point_flow::{FlowStage, upsample_nearest};
 use crate::post_process::{completed, upsampled};

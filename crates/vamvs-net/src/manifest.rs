@@ -7,8 +7,13 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, TchError, Tensor};
 use vamvs_core::MonotoneMap;
 
-use crate::encode::{FLOW_SCALES, LARGEST_STRIDE};
 use crate::{Aggregation, NetError};
+
+/// The stride of the paper's coarse features, which is the largest stride. Images are padded to a multiple of it.
+pub const LARGEST_STRIDE: usize = 8;
+
+/// The strides of the flow features.
+pub const FLOW_SCALES: [usize; 3] = [2, 4, 8];
 
 /// The version of the contract between modules and this crate.
 pub const CONTRACT: u32 = 1;

@@ -15,7 +15,7 @@ use vamvs_core::{Planes, Size};
 
 use crate::coarse::{PlaneMap, expectation_and_confidence};
 use crate::native::layers::Layers;
-use crate::native::{self, edges, in_memory, in_memory_mut};
+use crate::native::{edges, in_memory, in_memory_mut};
 use crate::profile::{Profile, Stage};
 use crate::project::{PixelGrid, depth_of};
 use crate::{EncodedView, Iteration, NetError, Network};
@@ -79,7 +79,7 @@ impl FlowStage<'_> {
             PixelGrid::new(scale, (x, y), self.reference.stride / scale, self.reference.size_at(scale));
         let rows = pixel_grid.y.len();
         let reach = self.network.manifest().flow_layers * WINDOW_RADIUS;
-        let layers = native::layers(self.network, &self.reference.flow)?;
+        let layers = self.network.kernel_layers(&self.reference.flow)?;
         let mut strips = Vec::new();
         for first in (0..rows).step_by(self.strip_rows) {
             let end = (first + self.strip_rows).min(rows);

@@ -6,11 +6,15 @@ use std::path::Path;
 use tch::{CModule, IValue, Kind, TchError, Tensor};
 
 use crate::correlate::{correlation, pooled};
-use crate::encode::LARGEST_STRIDE;
 use crate::error::Libtorch;
+use crate::manifest::LARGEST_STRIDE;
 use crate::native::layers::{Layers, PairMlp};
+use crate::native::readable;
 use crate::slabs::Slabs;
-use crate::{Device, Manifest, NetError};
+use crate::{Aggregation, Device, Manifest, NetError};
+
+/// The numbers of groups in one level of features for which the kernels are compiled.
+const GROUPS: [usize; 2] = [4, 8];
 
 /// Which statistics the normalisation layers use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -132,8 +136,27 @@ impl Network {
         Ok(())
     }
 
-    /// The layers that kernels run, with the weights of now. The manifest must have `layers`.
-    pub(crate) fn layers(&self) -> Result<Layers, NetError> {
+    /// Whether the kernels that correlate apply: the network is a vis-corr, whose weighted mean they compute, and its features
+    /// (1, C, h, w) are readable and have a supported number of groups.
+    pub(crate) fn kernels_correlate(&self, features: &[Tensor]) -> bool {
+        let Manifest { aggregation, group, .. } = &self.manifest;
+        let fits =
+            |level: &Tensor| level.numel() == 0 || GROUPS.contains(&(level.size()[1] as usize / group));
+        *aggregation == Aggregation::VisCorr && readable(features) && features.iter().all(fits)
+    }
+
+    /// Whether kernels run the network's layers: the module gives them, its normalisation uses the running statistics, and
+    /// the features (1, C, h, w) are readable.
+    pub(crate) fn runs_layers(&self, features: &[Tensor]) -> bool {
+        self.manifest.layers && self.mode == Mode::Evaluation && readable(features)
+    }
+
+    /// The layers, with the weights of now, if kernels run them.
+    pub(crate) fn kernel_layers(&self, features: &[Tensor]) -> Result<Option<Layers>, NetError> {
+        self.runs_layers(features).then(|| self.layers()).transpose()
+    }
+
+    fn layers(&self) -> Result<Layers, NetError> {
         let answer = tch::no_grad(|| self.module.method_is::<IValue>("layers", &[]));
         let expected = "() → dictionary of lists of tensors";
         let answer = answer.map_err(|source| self.failed("layers", expected, source))?;

@@ -1,7 +1,5 @@
 //! The confidence of a refined depth: how likely it is right.
 
-use crate::refined::Features;
-
 /// Correlation above which confidence depends on the photographs alone; below, the seed's confidence is mixed
 /// in.
 const MATCHED: f32 = 0.5;
@@ -14,6 +12,23 @@ const TEXTURE: f32 = 4.0;
 
 /// Distance from the seed at which the distance term is half its maximum, pixels of disparity.
 const MOVED: f32 = 2.0;
+
+/// Features that separate inliers from outliers.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Features {
+    /// Mean correlation of the source views that match best, −1 to 1, before planes are smoothed; 0 without texture.
+    pub correlation: f32,
+    /// Standard deviation of luminance in the window, grey values.
+    pub texture: f32,
+    /// Distance to the seed, pixels of disparity; −1 where the seed had no depth.
+    pub moved: f32,
+    /// How likely the depth was right before this refinement, from the seed's confidence; 0 where the seed had no
+    /// depth.
+    pub seed: f32,
+    /// Share of the source views whose own depth maps have the same surface, to one pixel of reprojection error; −1
+    /// before [`crate::refine_geometric`].
+    pub geometric: f32,
+}
 
 /// The likelihood that a depth is right to 1 %: a logistic function of the features, fitted to four views of two
 /// rendered scenes. Without correlation it is the seed's confidence.

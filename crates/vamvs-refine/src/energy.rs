@@ -16,13 +16,6 @@ pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
 /// The steepest plane, pixels of disparity per pixel.
 const STEEPEST: f32 = 1.2;
 
-/// By photographs alone, a plane that is worse by more than this in the views that have matched best so far is not tried in
-/// the others, where it could match by chance. A plane that is better in the best views is accepted at once.
-pub(crate) const HOPELESS: f32 = 0.01;
-
-/// The same with the sources' own depth maps, where a match by chance is rare.
-pub(crate) const HOPELESS_WITH_DEPTHS: f32 = 0.3;
-
 /// A view whose correlation is less than that of the best ones by no more than this tells something of the depth.
 const MATCHING: f32 = 0.3;
 
@@ -126,7 +119,7 @@ impl Costs {
 impl Pixel<'_> {
     /// The energy of a plane: 1 − the mean correlation of the best views, plus their geometric cost, plus the cost of
     /// the distance to the prior. `rival` is the best plane so far; a plane that is hopeless against it (see
-    /// [`HOPELESS`]) gets [`IMPOSSIBLE`].
+    /// [`Matcher::hopeless`]) gets [`IMPOSSIBLE`].
     pub fn energy(&self, plane: &Plane, rival: Option<Judged>) -> Judged {
         if !self.is_possible(plane) {
             return Judged::IMPOSSIBLE;

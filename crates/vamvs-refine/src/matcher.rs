@@ -3,7 +3,6 @@
 use vamvs_core::{Grid, Size};
 
 use crate::RefineOptions;
-use crate::energy::{HOPELESS, HOPELESS_WITH_DEPTHS};
 use crate::geometry::{Geometries, Geometry};
 use crate::isa::Isa;
 use crate::luminance::Padded;
@@ -11,6 +10,13 @@ use crate::seed::Bounds;
 use crate::source::{MOST_SOURCES, Source};
 use crate::transfer::{Four, TOGETHER, Transfers};
 use crate::window::{Window, window};
+
+/// By photographs alone, a plane that is worse by more than this in the views that have matched best so far is not tried in
+/// the others, where it could match by chance. A plane that is better in the best views is accepted at once.
+const HOPELESS: f32 = 0.01;
+
+/// The same with the sources' own depth maps, where a match by chance is rare.
+const HOPELESS_WITH_DEPTHS: f32 = 0.3;
 
 /// Most groups of source views.
 const MOST_GROUPS: usize = MOST_SOURCES / TOGETHER;

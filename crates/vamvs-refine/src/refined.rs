@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Pinhole, Pose};
 
-use crate::confidence;
+use crate::confidence::{self, Features};
 use crate::field::{Field, State};
 use crate::matcher::Matcher;
 use crate::plane::Plane;
@@ -24,23 +24,6 @@ pub struct Refined {
     pub normals: Grid<[f32; 3]>,
     /// Standard deviation of the depth, at most the depth itself, scene units; 0 where there is no depth.
     pub sigma: Grid<f32>,
-}
-
-/// Features that separate inliers from outliers.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Features {
-    /// Mean correlation of the source views that match best, −1 to 1, before planes are smoothed; 0 without texture.
-    pub correlation: f32,
-    /// Standard deviation of luminance in the window, grey values.
-    pub texture: f32,
-    /// Distance to the seed, pixels of disparity; −1 where the seed had no depth.
-    pub moved: f32,
-    /// How likely the depth was right before this refinement, from the seed's confidence; 0 where the seed had no
-    /// depth.
-    pub seed: f32,
-    /// Share of the source views whose own depth maps have the same surface, to one pixel of reprojection error; −1
-    /// before [`crate::refine_geometric`].
-    pub geometric: f32,
 }
 
 impl Refined {

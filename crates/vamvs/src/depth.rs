@@ -14,8 +14,8 @@ use std::time::Duration;
 pub use in_memory::DepthMaps;
 pub use parts::{DepthStep, collect, estimate_part, record_file};
 
-use crate::claim::Lock;
 use crate::event::OnEvent;
+use crate::output::Lock;
 use crate::output::{LeftOut, names};
 use crate::{OutputFolder, Prepared, VamvsError};
 use run::{Run, first_folder};

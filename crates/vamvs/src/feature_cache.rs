@@ -3,10 +3,10 @@
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use vamvs_core::{Photo, Scene};
+use vamvs_core::Scene;
 
 use crate::event::{OnEvent, tell};
-use crate::method::{Clock, Features};
+use crate::method::{Clock, Encoded};
 use crate::{Event, Method, Photographs, VamvsError};
 
 /// The size at which the method sees a photograph.
@@ -16,18 +16,6 @@ pub(crate) enum Seen {
     Planned,
     /// A small one as it is.
     AsItIs,
-}
-
-/// A photograph and its features.
-pub(crate) struct Encoded {
-    pub photo: Photo,
-    pub features: Features,
-}
-
-impl Encoded {
-    fn bytes(&self) -> usize {
-        self.features.bytes() + 3 * self.photo.image.data().len()
-    }
 }
 
 /// Encodes photographs on demand and keeps the most recently used ones.

@@ -10,11 +10,11 @@ use vamvs_io::atomic;
 
 pub use parts::PartialFusion;
 
-use crate::claim::{Lock, is_claimed};
 use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
 use crate::memory::{format_bytes, keeping_freed};
 use crate::output::{LeftOut, folder_of, is_same, remove_unfinished};
+use crate::output::{Lock, is_claimed};
 use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError, memory};
 
 /// One part in this many of the memory is spare, for what is not counted: the program, and freed memory that was not

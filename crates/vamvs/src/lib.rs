@@ -12,7 +12,6 @@
 //! and GPUs.
 
 mod ceiling;
-mod claim;
 pub mod depth;
 pub mod error;
 pub mod eval;

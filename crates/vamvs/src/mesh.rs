@@ -14,9 +14,9 @@ use vamvs_mesh::{Assembly, MeshOptions, MeshView, Mesher, Volume};
 
 pub use parts::PartialMesh;
 
-use crate::claim::Lock;
 use crate::event::{OnEvent, tell};
 use crate::fuse::{SPARE, lock, with_own_confidence, working_memory};
+use crate::output::Lock;
 use crate::view_map::InMemory;
 use crate::{Event, FusionOptions, Maps, MemoryLimit, VamvsError, ViewMap};
 

@@ -17,7 +17,6 @@ use vamvs_core::{DepthMap, Grid, MonotoneMap, Photo, Size};
 pub use network::NetworkMethod;
 pub use vis_corr::VisCorr;
 
-use crate::feature_cache::Encoded;
 use crate::fit::MethodMemory;
 use crate::output::ConfidenceKind;
 use crate::{DepthOptions, MemoryLimit, Quality, VamvsError, ViewPlan, weights};
@@ -59,6 +58,19 @@ pub(crate) enum Features {
     Gpu(Box<vamvs_gpu::EncodedView>),
     /// Nothing.
     None,
+}
+
+/// A photograph and its features.
+pub(crate) struct Encoded {
+    pub photo: Photo,
+    pub features: Features,
+}
+
+impl Encoded {
+    /// Bytes that it takes.
+    pub fn bytes(&self) -> usize {
+        self.features.bytes() + 3 * self.photo.image.data().len()
+    }
 }
 
 /// Where the time of a method went.

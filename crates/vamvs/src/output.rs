@@ -6,6 +6,7 @@
 //! photographs are undistorted and of the depth map's size, so the folder is itself a scene that this
 //! and other programs read.
 
+mod claim;
 mod files;
 mod record;
 
@@ -16,8 +17,9 @@ use vamvs_core::{DepthMap, DepthRange, Grid, Rgb, Size, Source, View};
 use vamvs_io::{IoError, image, mvsnet, pfm, visibility};
 
 use crate::VamvsError;
-use crate::claim::{Lock, claim, is_claimed, release};
 
+use claim::release;
+pub(crate) use claim::{Lock, claim, is_claimed};
 pub use files::{folder_of, is_same, write_json};
 pub(crate) use files::{make_folder, read_json, remove, remove_unfinished};
 pub use record::{ConfidenceKind, LeftOut, PhotographRecord, Record};

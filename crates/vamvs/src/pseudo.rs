@@ -9,8 +9,8 @@ use vamvs_core::{DepthRange, Grid, Part, Source};
 use vamvs_fusion::{ConsistentPixels, FuseJob, FuseOptions, MapSource, Schedule};
 use vamvs_io::{IoError, image, mvsnet, pfm};
 
-use crate::claim::claim;
 use crate::event::OnEvent;
+use crate::output::claim;
 use crate::output::make_folder;
 use crate::{Event, FusionOptions, Maps, VamvsError};
 

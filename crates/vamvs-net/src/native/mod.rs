@@ -18,35 +18,12 @@ pub(crate) mod views;
 
 use tch::{Device, Kind, TchError, Tensor};
 
-use crate::script::Mode;
-use crate::{Aggregation, Manifest, NetError, Network};
-use layers::Layers;
 use tch::kind::Element;
 
-/// The numbers of groups in one level of features for which the kernels are compiled.
-const GROUPS: [usize; 2] = [4, 8];
+use crate::NetError;
 
-/// Whether the kernels that correlate apply: the network is a vis-corr, whose weighted mean they compute, and its features (1, C, h, w) are on the CPU, need no gradient,
-/// and have a supported number of groups.
-pub(crate) fn correlates(network: &Network, features: &[Tensor]) -> bool {
-    let Manifest { aggregation, group, .. } = network.manifest();
-    let fits = |level: &Tensor| level.numel() == 0 || GROUPS.contains(&(level.size()[1] as usize / group));
-    *aggregation == Aggregation::VisCorr && readable(features) && features.iter().all(fits)
-}
-
-/// Whether kernels run the network's layers: the module gives them, its normalisation uses the running statistics, and
-/// the features (1, C, h, w) are on the CPU and need no gradient.
-pub(crate) fn runs_layers(network: &Network, features: &[Tensor]) -> bool {
-    network.manifest().layers && network.mode() == Mode::Evaluation && readable(features)
-}
-
-/// The layers of the network, with the weights of now, if kernels run them.
-pub(crate) fn layers(network: &Network, features: &[Tensor]) -> Result<Option<Layers>, NetError> {
-    runs_layers(network, features).then(|| network.layers()).transpose()
-}
-
-/// Whether kernels can read features: they are `f32` on the CPU, and no gradient flows back.
-fn readable(features: &[Tensor]) -> bool {
+/// Whether kernels can read features (1, C, h, w): they are `f32` on the CPU, and no gradient flows back.
+pub(crate) fn readable(features: &[Tensor]) -> bool {
     let fits = |level: &Tensor| {
         level.device() == Device::Cpu && level.kind() == Kind::Float && !level.requires_grad()
     };

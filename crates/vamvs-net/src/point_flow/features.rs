@@ -5,13 +5,13 @@ use tch::{Kind, TchError, Tensor};
 use super::FlowStage;
 use crate::correlate::correlation;
 use crate::cost_volume::no_views;
-use crate::encode::FLOW_SCALES;
+use crate::manifest::FLOW_SCALES;
 use crate::native::layers::Layers;
 use crate::native::pairs::{self, Pairs, Reduction};
 use crate::native::samples::{self, Points, Sampled, share_of};
 use crate::native::transfer::Transfer;
 use crate::native::views::{self, Views};
-use crate::native::{self, Level, fetch, in_memory, in_memory_mut};
+use crate::native::{Level, fetch, in_memory, in_memory_mut};
 use crate::project::{Outside, PixelGrid, Projection, for_offset, sample};
 use crate::script::{CONTEXT_LEVEL, POSITION_CHANNELS};
 use crate::{EncodedView, NetError};
@@ -25,7 +25,7 @@ impl FlowStage<'_> {
         points: &Tensor,
         layers: Option<&Layers>,
     ) -> Result<Tensor, NetError> {
-        if native::correlates(self.network, &self.reference.flow) {
+        if self.network.kernels_correlate(&self.reference.flow) {
             return self.native_features(pixel_grid, depth, points);
         }
         if let Some(layers) = layers {

@@ -12,8 +12,8 @@ use vamvs_fusion::Schedule;
 
 use super::run::{Run, first_folder};
 use super::{DepthJob, DepthSummary, planned_maps, prepare_alone};
-use crate::claim::Lock;
 use crate::event::OnEvent;
+use crate::output::Lock;
 use crate::output::{LeftOut, make_folder, read_json, remove_unfinished, write_json};
 use crate::{OutputFolder, Pass, Prepared, VamvsError};
 

@@ -7,7 +7,7 @@ use vamvs_fusion::{MapSource, MaskedMap};
 use vamvs_io::{atomic, depth};
 
 use super::{DepthFormat, ExportOptions, ExportedView};
-use crate::claim::claim;
+use crate::output::claim;
 use crate::output::{is_same, make_folder, remove};
 use crate::{Maps, OutputFolder, VamvsError};
 

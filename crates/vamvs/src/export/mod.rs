@@ -14,8 +14,8 @@ use vamvs_core::Pinhole;
 use vamvs_fusion::{FuseOptions, FusedPoints, FusionView, MapSource, Surface};
 use vamvs_io::ply::PlyWriter;
 
-use crate::claim::{Lock, claim, is_claimed};
 use crate::event::{OnEvent, tell};
+use crate::output::{Lock, claim, is_claimed};
 use crate::output::{folder_of, remove_unfinished};
 use crate::{Event, FusionOptions, Maps, VamvsError};
 use colmap::ColmapWorkspace;

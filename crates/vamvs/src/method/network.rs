@@ -9,8 +9,8 @@ use vamvs_net::{Device, EncodedView, Estimator, EstimatorOptions, Manifest, Prof
 
 use super::part::{placed, placed_visibility, widened};
 use super::{Clock, Estimated, Features, Task};
-use crate::feature_cache::Encoded;
 use crate::fit::MethodMemory;
+use crate::method::Encoded;
 use crate::output::ConfidenceKind;
 use crate::{DepthOptions, MemoryLimit, VamvsError, weights};
 

@@ -8,9 +8,9 @@ use vamvs_corr::{EncodedView, Estimate, Network, Stage};
 
 use super::part::{placed, placed_visibility, widened};
 use super::{Clock, Estimated, Features, Task};
-use crate::feature_cache::Encoded;
 use crate::fit::MethodMemory;
 use crate::memory::keeping_freed;
+use crate::method::Encoded;
 use crate::output::ConfidenceKind;
 use crate::{DepthOptions, MemoryLimit, VamvsError};
 

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use vamvs_io::IoError;
 
+use super::files::make_folder;
 use crate::VamvsError;
-use crate::output::make_folder;
 
 /// The file that marks a folder.
 const MARK: &str = ".vamvs";
