@@ -22,7 +22,7 @@ const ROUNDS: usize = 4;
 /// How well a cloud explains a photograph.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Explained {
-    /// Share of the pixels that the cloud covers.
+    /// Share of the pixels that the cloud covers. What is sky does not count in any of these.
     pub covered: f64,
     /// Mean difference of colour where it does, grey values, after a fit of exposure.
     pub error: f64,
@@ -42,20 +42,23 @@ impl Explained {
     }
 }
 
-/// Projects a cloud into a photograph.
-pub fn explain(cloud: &[CloudPoint], shot: &Shot) -> Explained {
+/// Projects a cloud into a photograph, of which some pixels may be sky.
+pub fn explain(cloud: &[CloudPoint], shot: &Shot, sky: Option<&Grid<bool>>) -> Explained {
     let Size { width, height } = shot.photo.size();
     let size = Size::new(width / REDUCED, height / REDUCED);
     let photo = reduced(&shot.photo, size);
     let seen = projected(cloud, shot, size);
+    let counts = Grid::from_fn(size, |x, y| sky.is_none_or(|sky| !sky[(x * REDUCED, y * REDUCED)]));
+    let all = counts.data().iter().filter(|counts| **counts).count().max(1) as f64;
+    let pixels = seen.data().iter().zip(photo.data()).zip(counts.data());
     let pairs: Vec<([f64; 3], [f64; 3])> =
-        seen.data().iter().zip(photo.data()).filter_map(|(seen, photo)| Some(((*seen)?, *photo))).collect();
+        pixels.filter_map(|((seen, photo), counts)| Some(((*seen).filter(|_| *counts)?, *photo))).collect();
     let errors = errors(&pairs);
     let right = errors.iter().filter(|error| **error < NEAR).count();
     Explained {
-        covered: pairs.len() as f64 / size.area() as f64,
+        covered: pairs.len() as f64 / all,
         error: errors.iter().sum::<f64>() / errors.len().max(1) as f64,
-        right: right as f64 / size.area() as f64,
+        right: right as f64 / all,
     }
 }
 
@@ -183,7 +186,7 @@ mod tests {
     #[test]
     fn the_true_surface_explains_what_it_covers_whatever_the_exposure() {
         let shot = shot();
-        let found = explain(&plane(&shot, 0..16, 4.0), &shot);
+        let found = explain(&plane(&shot, 0..16, 4.0), &shot, None);
         assert!((found.covered - 0.5).abs() < 1e-9 && (found.right - 0.5).abs() < 1e-9);
         assert!(found.error < 1.5, "{found:?}");
     }
@@ -192,12 +195,20 @@ mod tests {
     fn floaters_are_seen_as_errors_and_what_they_hide_does_not_count() {
         let shot = shot();
         let mut cloud = plane(&shot, 0..32, 4.0);
-        let whole = explain(&cloud, &shot);
+        let whole = explain(&cloud, &shot, None);
         let mut floaters = plane(&shot, 4..12, 2.0);
         floaters.iter_mut().for_each(|point| point.colour = [0, 255, 0]);
         cloud.extend(floaters);
-        let found = explain(&cloud, &shot);
+        let found = explain(&cloud, &shot, None);
         assert!((found.covered - 1.0).abs() < 1e-9 && found.error > whole.error + 10.0, "{found:?}");
         assert!((found.right - 0.75).abs() < 0.01, "{found:?}");
+    }
+
+    #[test]
+    fn sky_does_not_count() {
+        let shot = shot();
+        let sky = Grid::from_fn(shot.photo.size(), |x, _| x >= 16);
+        let found = explain(&plane(&shot, 0..24, 4.0), &shot, Some(&sky));
+        assert!((found.covered - 1.0).abs() < 1e-9 && (found.right - 1.0).abs() < 1e-9, "{found:?}");
     }
 }

@@ -176,7 +176,11 @@ impl Real {
             for shot in &views {
                 let without = maps.join(format!("without-{}", shot.name));
                 if without.is_dir() {
-                    held_back.push(explain(&cloud(&without, &format!("-without-{}", shot.name))?, shot));
+                    held_back.push(explain_without(
+                        scene,
+                        &cloud(&without, &format!("-without-{}", shot.name))?,
+                        shot,
+                    ));
                 }
             }
             let sky = sky_share(scene, None, &views, &whole)?;
@@ -261,7 +265,7 @@ impl Run<'_> {
         copy_others(&self.input.images, &images, &shot.name)?;
         let out = folder.join("result");
         self.reconstruct(&images, &out)?;
-        Ok(explain(&ply::read(&out.join("fused.ply"))?, shot))
+        Ok(explain_without(self.scene, &ply::read(&out.join("fused.ply"))?, shot))
     }
 
     /// Pictures of some views, and of the cloud from the best side and from beside a camera.
@@ -306,6 +310,12 @@ fn copy_others(from: &Path, to: &Path, name: &str) -> Result<()> {
     }
     ensure!(left_out, "{} has no photograph {name}", from.display());
     Ok(())
+}
+
+/// How well a cloud explains what is no sky in a photograph.
+fn explain_without(scene: &RealScene, cloud: &[CloudPoint], shot: &Shot) -> Explained {
+    let sky = scene.known.sky.map(|rule| rule.find(&shot.photo));
+    explain(cloud, shot, sky.as_ref())
 }
 
 /// The share of the cloud that is sky; `None` if the scene has no rule for its sky. Where the sky was found is drawn into

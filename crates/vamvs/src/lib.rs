@@ -40,6 +40,7 @@ mod reconstruction;
 pub mod refine;
 mod refinement;
 pub mod report;
+mod surfaces;
 mod view_map;
 pub mod weights;
 

@@ -225,6 +225,11 @@ impl Method {
         }
     }
 
+    /// Whether its depth maps have no depth where it sees no surface, and a depth everywhere else.
+    pub(crate) fn knows_surfaces(&self) -> bool {
+        matches!(self, Self::VisCorr(_))
+    }
+
     /// How far beyond the surfaces of its depth maps refinement searches ([`vamvs_refine::RefineOptions::beyond`]).
     pub(crate) fn beyond(&self) -> f32 {
         match self {

@@ -10,6 +10,7 @@ use vamvs_refine::{RefineOptions, Refined, refine};
 use crate::geometric::Needed;
 use crate::output::LoadedMap;
 use crate::refine::PhotoCache;
+use crate::surfaces::surfaces;
 use crate::{Photographs, VamvsError, geometric};
 
 /// Refines the depth maps of a run, one after the other.
@@ -36,6 +37,8 @@ pub(crate) struct Seed<'a> {
     pub visibility: &'a [Grid<f32>],
     /// The part of the image in which depth is wanted, as shares of its width and height; `None` for all of it.
     pub region: Option<[[f64; 2]; 2]>,
+    /// The part of the image, as above, in which it has a depth wherever there is a surface; `None` if nowhere.
+    pub knows_surfaces: Option<[[f64; 2]; 2]>,
 }
 
 impl<'a> Refinement<'a> {
@@ -69,6 +72,9 @@ impl<'a> Refinement<'a> {
         let begin = Instant::now();
         let limited = seed.region.map(|region| limited(&reference, region));
         let limited = limited.as_ref().unwrap_or(&reference);
+        let shown = |part| masked(limited, &surfaces((seed.map, part), &limited.image));
+        let shown = seed.knows_surfaces.map(shown);
+        let limited = shown.as_ref().unwrap_or(limited);
         let others: Vec<&Photo> = others.iter().map(Rc::as_ref).collect();
         let options = self.options;
         let options = if self.geometric_follows {
@@ -129,11 +135,16 @@ pub(crate) fn limited(photo: &Photo, [[x0, y0], [x1, y1]]: [[f64; 2]; 2]) -> Pho
         let centre = (at as f64 + 0.5) / side as f64;
         (first..end).contains(&centre)
     };
-    let mask = Grid::from_fn(size, |x, y| {
-        let counts = photo.mask.as_ref().is_none_or(|mask| mask[(x, y)]);
-        counts && inside(x, size.width, x0, x1) && inside(y, size.height, y0, y1)
-    });
-    Photo { mask: Some(mask), ..photo.clone() }
+    masked(
+        photo,
+        &Grid::from_fn(size, |x, y| inside(x, size.width, x0, x1) && inside(y, size.height, y0, y1)),
+    )
+}
+
+/// The photograph without the pixels that do not count.
+fn masked(photo: &Photo, counts: &Grid<bool>) -> Photo {
+    let both = |x: usize, y: usize| counts[(x, y)] && photo.mask.as_ref().is_none_or(|mask| mask[(x, y)]);
+    Photo { mask: Some(Grid::from_fn(photo.image.size(), both)), ..photo.clone() }
 }
 
 /// A region of an image as shares of its width and height.

@@ -195,11 +195,13 @@ impl<'a> Maker<'a> {
         let mut maps: Vec<MadeMap> =
             maps.into_iter().map(|map| MadeMap::new(map, &reference.photo)).collect();
         if let (Some(refinement), Some(finest)) = (&mut self.refinement, maps.last_mut()) {
-            let region = region.filter(|_| plan.region.is_some());
-            let region = region.map(|region| shares(region, reference.photo.camera.size));
+            let of_image = |region: PixelBox| shares(region, reference.photo.camera.size);
+            let knows = region.map_or([[0.0, 0.0], [1.0, 1.0]], of_image);
+            let region = region.filter(|_| plan.region.is_some()).map(of_image);
             // A view that does not see the region has only a coarse map, which is not refined.
             if !plan.foveated || region.is_some() {
-                let seed = Seed { map: &finest.map, visibility: &visibility, region };
+                let knows_surfaces = self.work.method.knows_surfaces().then_some(knows);
+                let seed = Seed { map: &finest.map, visibility: &visibility, region, knows_surfaces };
                 let refined = refined_map(refinement.refine(view, &used, &seed)?);
                 *finest = if self.work.has_two_passes() { refined } else { self.work.calibrated(refined) };
             }

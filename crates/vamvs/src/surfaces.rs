@@ -1,0 +1,240 @@
+//! Where a photograph shows surfaces, and where the sky: what the network tells, carried to the borders of patches of one colour.
+//!
+//! Beside a roof the sky looks to the network like more of the roof; a little farther from it, it knows the sky. So each pixel
+//! takes the mean vote of those around it that have its colour, by a recursive filter that stops at edges (the domain transform of
+//! Gastal and Oliveira, SIGGRAPH 2011): first at the size of the depth map, over large patches, then at half the photograph's size, to
+//! find their borders.
+
+use rayon::prelude::*;
+use vamvs_core::{DepthMap, Grid, Rgb, Size};
+
+/// What a pixel that surely shows a surface counts beside one that shows none: where there is no texture, what is beside it is easily
+/// continued.
+const SURFACE_COUNTS: f32 = 0.15;
+
+/// Neighbours are of one patch if their colours differ by no more than this: noise and gradients, grey values...
+const SAME: f32 = 3.0;
+
+/// ... and of two if they differ by so much more.
+const EDGE: f32 = 12.0;
+
+/// What a pixel takes from the next one falls short of all of it by this, divided by the longer side, in each pass.
+const LOSSES: [f32; 3] = [6.4, 12.8, 25.6];
+
+/// Pixels that are less of one patch with their neighbours have texture, so that photographs tell whether they show a surface.
+const PLAIN: f32 = 0.5;
+
+/// Whether each pixel of a photograph may show a surface, from a depth map of it that in a part of the image, given as shares of its
+/// width and height, has a depth wherever its maker saw a surface.
+pub(crate) fn surfaces(
+    (map, [[x0, y0], [x1, y1]]): (&DepthMap, [[f64; 2]; 2]),
+    photograph: &Grid<Rgb>,
+) -> Grid<bool> {
+    let size = map.depth.size();
+    let inside = |at: usize, count: usize, first: f64, end: f64| {
+        (first..end).contains(&((at as f64 + 0.5) / count as f64))
+    };
+    let votes = Grid::from_fn(size, |x, y| match map.depth[(x, y)] {
+        depth if depth > 0.0 => SURFACE_COUNTS * map.confidence[(x, y)],
+        _ if inside(x, size.width, x0, x1) && inside(y, size.height, y0, y1) => -1.0,
+        _ => 0.0,
+    });
+    if votes.data().iter().all(|&vote| vote >= 0.0) {
+        return Grid::filled(photograph.size(), true);
+    }
+    let mut votes = Votes::new(votes, photograph);
+    votes.spread();
+    let half = Size::new(photograph.width().div_ceil(2), photograph.height().div_ceil(2));
+    let mut votes = Votes::new(sampled(&votes.votes, half), photograph);
+    votes.spread();
+    let may_show = Grid::from_fn(half, |x, y| votes.votes[(x, y)] >= 0.0 || !votes.is_plain(x, y));
+    Grid::from_fn(photograph.size(), |x, y| may_show[(x / 2, y / 2)])
+}
+
+/// For each pixel how much speaks for a surface, from −1, and how far it is of one patch with the pixel before it in its row and its
+/// column, 0 to 1.
+struct Votes {
+    votes: Grid<f32>,
+    across: Grid<f32>,
+    down: Grid<f32>,
+}
+
+impl Votes {
+    fn new(votes: Grid<f32>, photograph: &Grid<Rgb>) -> Self {
+        let colours = reduced(photograph, votes.size());
+        Self { votes, across: links(&colours, (1, 0)), down: links(&colours, (0, 1)) }
+    }
+
+    fn spread(&mut self) {
+        let longer = self.votes.width().max(self.votes.height()) as f32;
+        for loss in LOSSES {
+            let kept = (1.0 - loss / longer).max(0.0);
+            along_rows(&mut self.votes, &self.across, kept);
+            along_columns(&mut self.votes, &self.down, kept);
+        }
+    }
+
+    /// Whether a pixel is of one patch with most of its neighbours.
+    fn is_plain(&self, x: usize, y: usize) -> bool {
+        let Size { width, height } = self.votes.size();
+        let beside = [
+            (x > 0).then(|| self.across[(x, y)]),
+            (x + 1 < width).then(|| self.across[(x + 1, y)]),
+            (y > 0).then(|| self.down[(x, y)]),
+            (y + 1 < height).then(|| self.down[(x, y + 1)]),
+        ];
+        let count = beside.iter().flatten().count() as f32;
+        beside.iter().flatten().sum::<f32>() > PLAIN * count
+    }
+}
+
+/// The first pixel of `from` that lies under pixel `to` of fewer or more.
+fn place(to: usize, count: usize, from: usize) -> usize {
+    (to * from / count).min(from - 1)
+}
+
+/// A grid at another size, each pixel that of the grid which it lies in.
+fn sampled(grid: &Grid<f32>, size: Size) -> Grid<f32> {
+    Grid::from_fn(size, |x, y| {
+        grid[(place(x, size.width, grid.width()), place(y, size.height, grid.height()))]
+    })
+}
+
+/// A photograph at a smaller size: the means over the pixels under each pixel.
+fn reduced(photograph: &Grid<Rgb>, size: Size) -> Grid<Rgb> {
+    let span = |at: usize, count: usize, from: usize| {
+        let begin = place(at, count, from);
+        begin..((at + 1) * from / count).clamp(begin + 1, from)
+    };
+    let row = |y: usize| {
+        let rows = span(y, size.height, photograph.height());
+        (0..size.width).map(move |x| {
+            let columns = span(x, size.width, photograph.width());
+            let mut sums = [0_u32; 3];
+            for y in rows.clone() {
+                for pixel in &photograph.data()[y * photograph.width()..][columns.clone()] {
+                    sums.iter_mut().zip(pixel).for_each(|(sum, value)| *sum += u32::from(*value));
+                }
+            }
+            let count = (rows.len() * columns.len()) as u32;
+            sums.map(|sum| ((sum + count / 2) / count) as u8)
+        })
+    };
+    Grid::from_vec(size, (0..size.height).into_par_iter().flat_map_iter(row).collect())
+}
+
+/// How far each pixel is of one patch with the one at this distance before it; 0 at the border.
+fn links(colours: &Grid<Rgb>, (dx, dy): (usize, usize)) -> Grid<f32> {
+    Grid::from_fn(colours.size(), |x, y| {
+        let Some((before_x, before_y)) = x.checked_sub(dx).zip(y.checked_sub(dy)) else { return 0.0 };
+        let (here, before) = (colours[(x, y)], colours[(before_x, before_y)]);
+        let difference = (0..3).map(|channel| here[channel].abs_diff(before[channel])).max().unwrap_or(0);
+        (1.0 - (f32::from(difference) - SAME) / EDGE).clamp(0.0, 1.0)
+    })
+}
+
+fn along_rows(votes: &mut Grid<f32>, links: &Grid<f32>, kept: f32) {
+    let width = votes.width().max(1);
+    let rows = votes.data_mut().par_chunks_exact_mut(width).zip(links.data().par_chunks_exact(width));
+    rows.for_each(|(votes, links)| {
+        for x in 1..width {
+            votes[x] += kept * links[x] * (votes[x - 1] - votes[x]);
+        }
+        for x in (1..width).rev() {
+            votes[x - 1] += kept * links[x] * (votes[x] - votes[x - 1]);
+        }
+    });
+}
+
+fn along_columns(votes: &mut Grid<f32>, links: &Grid<f32>, kept: f32) {
+    let (width, height) = (votes.width(), votes.height());
+    for y in 1..height {
+        let (above, here) = votes.data_mut().split_at_mut(y * width);
+        take(&mut here[..width], &above[(y - 1) * width..], &links.data()[y * width..][..width], kept);
+    }
+    for y in (1..height).rev() {
+        let (above, here) = votes.data_mut().split_at_mut(y * width);
+        take(&mut above[(y - 1) * width..], &here[..width], &links.data()[y * width..][..width], kept);
+    }
+}
+
+/// A row takes from the one beside it.
+fn take(row: &mut [f32], beside: &[f32], links: &[f32], kept: f32) {
+    for ((own, beside), link) in row.iter_mut().zip(beside).zip(links) {
+        *own += kept * link * (beside - *own);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vamvs_core::{Intrinsics, Pinhole, Pose};
+
+    const SIZE: Size = Size::new(480, 320);
+
+    /// The lowest row of the sky is this plus a tenth of the column.
+    const ROOF: usize = 160;
+
+    fn is_sky(x: usize, y: usize) -> bool {
+        y < ROOF + x / 10
+    }
+
+    /// A sky with a slight gradient above a roof of tiles, both with noise.
+    fn photograph() -> Grid<Rgb> {
+        Grid::from_fn(SIZE, |x, y| {
+            let noise = ((x * 7 + y * 13 + x * y % 5) % 4) as u8;
+            if is_sky(x, y) {
+                [150 + noise, 180, 215 + (y / 8) as u8]
+            } else {
+                [90 + 40 * ((x / 6 + y / 6) % 2) as u8, 60 + noise, 50]
+            }
+        })
+    }
+
+    const WHOLE: [[f64; 2]; 2] = [[0.0, 0.0], [1.0, 1.0]];
+
+    /// A depth map of a quarter of the size that has depths where `shows` says.
+    fn map(shows: impl Fn(usize, usize) -> bool) -> DepthMap {
+        let size = Size::new(SIZE.width / 4, SIZE.height / 4);
+        let intrinsics = Intrinsics { fx: 100.0, fy: 100.0, cx: 60.0, cy: 40.0 };
+        DepthMap {
+            camera: Pinhole { size, intrinsics },
+            cam_from_world: Pose::identity(),
+            depth: Grid::from_fn(size, |x, y| if shows(4 * x, 4 * y) { 2.0 } else { 0.0 }),
+            confidence: Grid::filled(size, 1.0),
+            coarse_confidence: None,
+        }
+    }
+
+    #[test]
+    fn the_sky_beside_a_roof_is_sky_and_the_roof_stays() {
+        // Known only from 50 pixels above the roof.
+        let found = surfaces((&map(|x, y| y + 50 >= ROOF + x / 10), WHOLE), &photograph());
+        for y in 0..SIZE.height {
+            for x in 0..SIZE.width {
+                let from_border = (y as f64 - (ROOF + x / 10) as f64).abs();
+                assert!(from_border < 4.0 || found[(x, y)] != is_sky(x, y), "{x} {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_plain_wall_of_which_a_corner_is_doubted_loses_little_more() {
+        let found = surfaces((&map(|x, y| x >= 40 || y >= 40), WHOLE), &Grid::filled(SIZE, [200; 3]));
+        let lost = found.data().iter().filter(|shows| !**shows).count();
+        assert!(lost < 5 * 40 * 40, "{lost} pixels");
+    }
+
+    #[test]
+    fn where_there_is_texture_photographs_decide() {
+        let textured = Grid::from_fn(SIZE, |x, y| [((x / 2 + y / 2) % 2 * 60) as u8; 3]);
+        assert!(surfaces((&map(|_, _| false), WHOLE), &textured).data().iter().all(|&shows| shows));
+        assert!(surfaces((&map(|_, _| true), WHOLE), &photograph()).data().iter().all(|&shows| shows));
+    }
+    #[test]
+    fn what_lies_outside_of_the_part_tells_nothing() {
+        let left = map(|x, _| x < SIZE.width / 2);
+        let found = surfaces((&left, [[0.0, 0.0], [0.5, 1.0]]), &Grid::filled(SIZE, [200; 3]));
+        assert!(found.data().iter().all(|&shows| shows));
+    }
+}
