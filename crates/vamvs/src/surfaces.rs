@@ -35,7 +35,7 @@ const KNOWN: f64 = 0.45;
 const SKY: f64 = 40.0;
 
 /// Pixels that are less of one patch with their neighbours have texture, so that photographs tell whether they show a surface.
-const PLAIN: f32 = 0.5;
+const PLAIN: f32 = 0.8;
 
 /// Whether each pixel of a photograph may show a surface, from a depth map of it that in a part of the image, given as shares of its
 /// width and height, has a depth wherever its maker saw a surface.
