@@ -74,7 +74,7 @@ fn on_gpu(number: usize) -> Result<()> {
     let number = number.to_string();
     let profile = |size: &[&str; 4]| {
         let arguments = [&[WITHOUT_LIBTORCH], &size[..], &[&number]].concat();
-        Ok(rows(&example("vamvs-gpu", "stages", &arguments)?))
+        Ok(rows(&example("vamvs-gpu", "gpu_stages", &arguments)?))
     };
     let on_gpu: Result<Vec<_>> = SIZES.iter().map(profile).collect();
     print_table(&format!("{WITHOUT_LIBTORCH} on gpu:{number}"), &on_gpu?);

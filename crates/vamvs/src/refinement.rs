@@ -72,8 +72,8 @@ impl<'a> Refinement<'a> {
         let begin = Instant::now();
         let limited = seed.region.map(|region| limited(&reference, region));
         let limited = limited.as_ref().unwrap_or(&reference);
-        let shown = |part| masked(limited, &surfaces((seed.map, part), &limited.image));
-        let shown = seed.knows_surfaces.map(shown);
+        let shown = seed.knows_surfaces.and_then(|part| surfaces((seed.map, part), &limited.image));
+        let shown = shown.map(|shown| masked(limited, &shown));
         let limited = shown.as_ref().unwrap_or(limited);
         let others: Vec<&Photo> = others.iter().map(Rc::as_ref).collect();
         let options = self.options;

@@ -38,11 +38,11 @@ const SKY: f64 = 40.0;
 const PLAIN: f32 = 0.8;
 
 /// Whether each pixel of a photograph may show a surface, from a depth map of it that in a part of the image, given as shares of its
-/// width and height, has a depth wherever its maker saw a surface.
+/// width and height, has a depth wherever its maker saw a surface; `None` if all may.
 pub(crate) fn surfaces(
     (map, [[x0, y0], [x1, y1]]): (&DepthMap, [[f64; 2]; 2]),
     photograph: &Grid<Rgb>,
-) -> Grid<bool> {
+) -> Option<Grid<bool>> {
     let size = map.depth.size();
     let inside = |at: usize, count: usize, first: f64, end: f64| {
         (first..end).contains(&((at as f64 + 0.5) / count as f64))
@@ -53,7 +53,7 @@ pub(crate) fn surfaces(
         _ => 0.0,
     });
     if votes.data().iter().all(|&vote| vote >= 0.0) {
-        return Grid::filled(photograph.size(), true);
+        return None;
     }
     let told = votes.clone();
     let mut votes = Votes::new(votes, photograph);
@@ -63,7 +63,8 @@ pub(crate) fn surfaces(
     votes.spread();
     let shows_none = Grid::from_fn(half, |x, y| votes.votes[(x, y)] < 0.0 && votes.is_plain(x, y));
     let sky = sky(&shows_none, &sampled(&told, half), &votes.colours);
-    Grid::from_fn(photograph.size(), |x, y| !sky[(x / 2, y / 2)])
+    let has_sky = sky.data().iter().any(|&is_sky| is_sky);
+    has_sky.then(|| Grid::from_fn(photograph.size(), |x, y| !sky[(x / 2, y / 2)]))
 }
 
 /// For each pixel how much speaks for a surface, from −1, and how far it is of one patch with the pixel before it in its row and its
@@ -277,7 +278,7 @@ mod tests {
     #[test]
     fn the_sky_beside_a_roof_is_sky_and_the_roof_stays() {
         // Known only from 50 pixels above the roof.
-        let found = surfaces((&map(|x, y| y + 50 >= ROOF + x / 10), WHOLE), &photograph());
+        let found = surfaces((&map(|x, y| y + 50 >= ROOF + x / 10), WHOLE), &photograph()).unwrap();
         for y in 0..SIZE.height {
             for x in 0..SIZE.width {
                 let from_border = (y as f64 - (ROOF + x / 10) as f64).abs();
@@ -289,23 +290,23 @@ mod tests {
     #[test]
     fn a_plain_wall_of_which_a_corner_is_doubted_stays() {
         let wall = Grid::filled(SIZE, [200; 3]);
-        let found = surfaces((&map(|x, y| x >= 40 || y >= 40), WHOLE), &wall);
-        assert!(found.data().iter().all(|&shows| shows));
+        assert!(surfaces((&map(|x, y| x >= 40 || y >= 40), WHOLE), &wall).is_none());
     }
 
     #[test]
     fn what_is_dark_or_warm_is_no_sky() {
         for (colour, is_sky) in [([40, 40, 60], false), ([200, 170, 140], false), ([120, 150, 200], true)] {
             let found = surfaces((&map(|_, _| false), WHOLE), &Grid::filled(SIZE, colour));
-            assert!(found.data().iter().all(|&shows| shows != is_sky), "{colour:?}");
+            let all = found.map(|found| found.data().iter().all(|&shows| !shows));
+            assert_eq!(all, is_sky.then_some(true), "{colour:?}");
         }
     }
 
     #[test]
     fn where_there_is_texture_photographs_decide() {
         let textured = Grid::from_fn(SIZE, |x, y| [((x / 2 + y / 2) % 2 * 60) as u8; 3]);
-        assert!(surfaces((&map(|_, _| false), WHOLE), &textured).data().iter().all(|&shows| shows));
-        assert!(surfaces((&map(|_, _| true), WHOLE), &photograph()).data().iter().all(|&shows| shows));
+        assert!(surfaces((&map(|_, _| false), WHOLE), &textured).is_none());
+        assert!(surfaces((&map(|_, _| true), WHOLE), &photograph()).is_none());
     }
     /// A gap in the roof shows the sky, a smooth spot of another colour is no sky although the network has no depth there.
     #[test]
@@ -319,14 +320,13 @@ mod tests {
             () => plain[(x, y)],
         });
         let map = map(|x, y| !is_sky(x, y) && !is_gap(x, y) && !is_spot(x, y));
-        let found = surfaces((&map, WHOLE), &photograph);
+        let found = surfaces((&map, WHOLE), &photograph).unwrap();
         assert!(!found[(20, 20)] && !found[(140, 265)] && found[(340, 265)] && found[(240, 265)]);
     }
 
     #[test]
     fn what_lies_outside_of_the_part_tells_nothing() {
         let left = map(|x, _| x < SIZE.width / 2);
-        let found = surfaces((&left, [[0.0, 0.0], [0.5, 1.0]]), &Grid::filled(SIZE, [200; 3]));
-        assert!(found.data().iter().all(|&shows| shows));
+        assert!(surfaces((&left, [[0.0, 0.0], [0.5, 1.0]]), &Grid::filled(SIZE, [200; 3])).is_none());
     }
 }
