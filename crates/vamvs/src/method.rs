@@ -23,8 +23,8 @@ use crate::{DepthOptions, MemoryLimit, Quality, VamvsError, ViewPlan, weights};
 
 /// How to get what this build is without.
 #[cfg(not(feature = "torch"))]
-pub const WITH_LIBTORCH: &str =
-    "a build with libtorch (`cargo xtask setup`, then `cargo build --release -p vamvs-cli --features torch`)";
+pub const WITH_LIBTORCH: &str = "a build with libtorch (`cargo xtask setup`, then `cargo build --release -p vamvs-cli --features torch`; in \
+                                Python `pip install \"vamvs[torch]\"`)";
 
 /// The largest factor by which light networks see small photographs enlarged.
 const ENLARGES_BY: f64 = 2.0;
