@@ -39,6 +39,7 @@ mod quality;
 mod reconstruction;
 pub mod refine;
 mod refinement;
+mod region;
 pub mod report;
 mod surfaces;
 mod view_map;

@@ -3,7 +3,6 @@
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use vamvs_core::roi::PixelBox;
 use vamvs_core::{DepthMap, Grid, Photo, Scene};
 use vamvs_refine::{RefineOptions, Refined, refine};
 
@@ -11,7 +10,7 @@ use crate::geometric::Needed;
 use crate::output::LoadedMap;
 use crate::refine::PhotoCache;
 use crate::surfaces::surfaces;
-use crate::{Photographs, VamvsError, geometric};
+use crate::{Photographs, VamvsError, geometric, region};
 
 /// Refines the depth maps of a run, one after the other.
 pub(crate) struct Refinement<'a> {
@@ -129,26 +128,13 @@ impl<'a> Refinement<'a> {
 }
 
 /// The photograph with everything outside of a region masked.
-pub(crate) fn limited(photo: &Photo, [[x0, y0], [x1, y1]]: [[f64; 2]; 2]) -> Photo {
+pub(crate) fn limited(photo: &Photo, region: [[f64; 2]; 2]) -> Photo {
     let size = photo.image.size();
-    let inside = |at: usize, side: usize, first: f64, end: f64| {
-        let centre = (at as f64 + 0.5) / side as f64;
-        (first..end).contains(&centre)
-    };
-    masked(
-        photo,
-        &Grid::from_fn(size, |x, y| inside(x, size.width, x0, x1) && inside(y, size.height, y0, y1)),
-    )
+    masked(photo, &Grid::from_fn(size, |x, y| region::contains(region, (x, y), size)))
 }
 
 /// The photograph without the pixels that do not count.
 fn masked(photo: &Photo, counts: &Grid<bool>) -> Photo {
     let both = |x: usize, y: usize| counts[(x, y)] && photo.mask.as_ref().is_none_or(|mask| mask[(x, y)]);
     Photo { mask: Some(Grid::from_fn(photo.image.size(), both)), ..photo.clone() }
-}
-
-/// A region of an image as shares of its width and height.
-pub(crate) fn shares(region: PixelBox, size: vamvs_core::Size) -> [[f64; 2]; 2] {
-    let share = |x: usize, y: usize| [x as f64 / size.width as f64, y as f64 / size.height as f64];
-    [share(region.x0, region.y0), share(region.x1, region.y1)]
 }

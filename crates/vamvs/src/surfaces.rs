@@ -8,6 +8,8 @@
 use rayon::prelude::*;
 use vamvs_core::{DepthMap, Grid, Rgb, Size};
 
+use crate::region;
+
 /// What a pixel that surely shows a surface counts beside one that shows none: where there is no texture, what is beside it is easily
 /// continued.
 const SURFACE_COUNTS: f32 = 0.15;
@@ -40,16 +42,13 @@ const PLAIN: f32 = 0.8;
 /// Whether each pixel of a photograph may show a surface, from a depth map of it that in a part of the image, given as shares of its
 /// width and height, has a depth wherever its maker saw a surface; `None` if all may.
 pub(crate) fn surfaces(
-    (map, [[x0, y0], [x1, y1]]): (&DepthMap, [[f64; 2]; 2]),
+    (map, part): (&DepthMap, [[f64; 2]; 2]),
     photograph: &Grid<Rgb>,
 ) -> Option<Grid<bool>> {
     let size = map.depth.size();
-    let inside = |at: usize, count: usize, first: f64, end: f64| {
-        (first..end).contains(&((at as f64 + 0.5) / count as f64))
-    };
     let votes = Grid::from_fn(size, |x, y| match map.depth[(x, y)] {
         depth if depth > 0.0 => SURFACE_COUNTS * map.confidence[(x, y)],
-        _ if inside(x, size.width, x0, x1) && inside(y, size.height, y0, y1) => -1.0,
+        _ if region::contains(part, (x, y), size) => -1.0,
         _ => 0.0,
     });
     if votes.data().iter().all(|&vote| vote >= 0.0) {

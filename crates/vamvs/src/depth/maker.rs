@@ -19,7 +19,8 @@ use crate::geometric::Needed;
 use crate::method::{Clock, Encoded, Estimated, Task};
 use crate::output::LoadedMap;
 use crate::photographs::working_cameras;
-use crate::refinement::{Refinement, Seed, shares};
+use crate::refinement::{Refinement, Seed};
+use crate::region::shares;
 use crate::{Event, Prepared, VamvsError, ViewPlan, memory};
 
 /// A depth within this share of the planes from either end counts as being at that end.

@@ -4,7 +4,8 @@ use vamvs_core::{Photo, Size};
 use vamvs_refine::{RefineOptions, SWEEP_STRIDE};
 
 use super::{Clock, Estimated, Task};
-use crate::refinement::{limited, shares};
+use crate::refinement::limited;
+use crate::region::shares;
 use crate::{DepthOptions, VamvsError};
 
 /// Distance between neighbouring planes in the source views, pixels of the photographs: one of the depth map.
