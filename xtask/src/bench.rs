@@ -63,6 +63,10 @@ impl Bench {
             print_table(module, &profiles("vamvs-net", "profile", module)?);
         }
         print_table(WITHOUT_LIBTORCH, &profiles("vamvs-corr", "stages", WITHOUT_LIBTORCH)?);
+        let [width, height, _, planes] = SIZES[1];
+        println!("\n{WITHOUT_LIBTORCH}, convolutions at {width}×{height}, {planes} planes, on one thread");
+        let layers = example("vamvs-corr", "layers", &[WITHOUT_LIBTORCH, width, height, planes])?;
+        println!("{}", layers.trim_end());
         Ok(())
     }
 }

@@ -176,6 +176,14 @@ impl Convolution {
         })
     }
 
+    /// The floating-point operations for an input of these sides, a product and a sum counted as two; borders as if all taps lay inside.
+    #[must_use]
+    pub fn operations(&self, input: [usize; 3]) -> u64 {
+        let taps: usize = self.passes.iter().flat_map(|pass| &pass.taps).map(|tap| tap.pixels).sum();
+        let outputs = self.sides(input).iter().product::<usize>() / self.passes.len();
+        2 * (outputs * taps * self.inputs * self.outputs) as u64
+    }
+
     /// The output; `finish` is called for each of its rows while it is in the cache.
     pub fn run(&self, input: &Map, finish: impl Fn(Row, &mut [f32]) + Sync) -> Map {
         let [planes, ..] = self.sides(input.sides());
@@ -353,7 +361,7 @@ fn accumulate<const P: usize, V: Lanes>(
         for (p, sum) in sums.iter_mut().enumerate() {
             // SAFETY: p · step + k is below (P − 1) · step + length, which the run is at least as long as.
             let value = unsafe { *run.get_unchecked(p * step + k) };
-            *sum = sum.plus(of_lanes, value);
+            *sum = sum.plus(of_lanes, V::all(value));
         }
     }
     sums

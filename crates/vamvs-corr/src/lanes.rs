@@ -14,8 +14,11 @@ pub trait Lanes: Copy {
     /// Writes them to the beginning of a slice that has room for them.
     fn store(self, to: &mut [f32]);
 
-    /// self + weights · value, rounded once.
-    fn plus(self, weights: Self, value: f32) -> Self;
+    /// The same value in all lanes.
+    fn all(value: f32) -> Self;
+
+    /// self + a · b, rounded once.
+    fn plus(self, a: Self, b: Self) -> Self;
 }
 
 impl<const N: usize> Lanes for [f32; N] {
@@ -32,9 +35,14 @@ impl<const N: usize> Lanes for [f32; N] {
     }
 
     #[inline(always)]
-    fn plus(mut self, weights: Self, value: f32) -> Self {
+    fn all(value: f32) -> Self {
+        [value; N]
+    }
+
+    #[inline(always)]
+    fn plus(mut self, a: Self, b: Self) -> Self {
         for lane in 0..N {
-            self[lane] = weights[lane].mul_add(value, self[lane]);
+            self[lane] = a[lane].mul_add(b[lane], self[lane]);
         }
         self
     }
@@ -78,11 +86,15 @@ pub mod x86 {
         }
 
         #[inline(always)]
-        fn plus(self, weights: Self, value: f32) -> Self {
-            // SAFETY: the processor has AVX and FMA.
-            let value = unsafe { _mm256_set1_ps(value) };
-            // SAFETY: as above.
-            Self(std::array::from_fn(|at| unsafe { _mm256_fmadd_ps(weights.0[at], value, self.0[at]) }))
+        fn all(value: f32) -> Self {
+            // SAFETY: the processor has AVX.
+            Self([unsafe { _mm256_set1_ps(value) }; VECTORS])
+        }
+
+        #[inline(always)]
+        fn plus(self, a: Self, b: Self) -> Self {
+            // SAFETY: the processor has FMA.
+            Self(std::array::from_fn(|at| unsafe { _mm256_fmadd_ps(a.0[at], b.0[at], self.0[at]) }))
         }
     }
 
@@ -104,9 +116,15 @@ pub mod x86 {
         }
 
         #[inline(always)]
-        fn plus(self, weights: Self, value: f32) -> Self {
+        fn all(value: f32) -> Self {
             // SAFETY: the processor has AVX-512F.
-            Self(unsafe { _mm512_fmadd_ps(weights.0, _mm512_set1_ps(value), self.0) })
+            Self(unsafe { _mm512_set1_ps(value) })
+        }
+
+        #[inline(always)]
+        fn plus(self, a: Self, b: Self) -> Self {
+            // SAFETY: the processor has AVX-512F.
+            Self(unsafe { _mm512_fmadd_ps(a.0, b.0, self.0) })
         }
     }
 }
@@ -142,11 +160,15 @@ pub mod arm {
         }
 
         #[inline(always)]
-        fn plus(self, weights: Self, value: f32) -> Self {
+        fn all(value: f32) -> Self {
             // SAFETY: every 64-bit ARM processor that this is compiled for has NEON.
-            let value = unsafe { vdupq_n_f32(value) };
+            Self([unsafe { vdupq_n_f32(value) }; VECTORS])
+        }
+
+        #[inline(always)]
+        fn plus(self, a: Self, b: Self) -> Self {
             // SAFETY: as above.
-            Self(std::array::from_fn(|at| unsafe { vfmaq_f32(self.0[at], weights.0[at], value) }))
+            Self(std::array::from_fn(|at| unsafe { vfmaq_f32(self.0[at], a.0[at], b.0[at]) }))
         }
     }
 }

@@ -2,6 +2,7 @@
 
 pub use crate::convolution::{Convolution, Pass, Tap};
 pub use crate::enlarge::Enlarge;
+pub use crate::map::{Map, Row};
 pub use crate::pyramid::Pyramid;
 pub use crate::surface::Surface;
 pub use crate::to_one::ToOne;

@@ -10,17 +10,24 @@ use crate::wide::{add, relu};
 /// its plane, the volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
+    /// Planes; one of an image.
     pub planes: usize,
+    /// Rows.
     pub height: usize,
+    /// Pixels of a row.
     pub width: usize,
+    /// Values of a pixel.
     pub channels: usize,
+    /// (planes, height, width, channels)
     pub values: Vec<f32>,
 }
 
 /// A row of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Row {
+    /// Its plane.
     pub z: usize,
+    /// Its place in the plane.
     pub y: usize,
 }
 

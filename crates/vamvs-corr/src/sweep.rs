@@ -4,6 +4,7 @@
 //! first pooled, to predict what a view sees, and then averaged with these weights. Correlations are computed twice rather than
 //! kept, because writing a volume takes longer than computing it.
 
+use rayon::prelude::*;
 use vamvs_core::homography::PixelTransfer;
 use vamvs_core::{Pinhole, Planes, Pose, Size, Spacing};
 
@@ -114,13 +115,17 @@ impl<'a> Sweep<'a> {
         }
     }
 
-    /// The depth of a plane at a pixel, by its number in the image.
+    /// The depths of a plane at pixels.
     #[inline(always)]
-    fn depth(&self, plane: usize, pixel: usize) -> f32 {
+    fn depths(&self, plane: usize, pixels: Pixels) -> [f32; RUN] {
         match &self.depths {
-            Depths::Planes(depths) => depths[plane],
+            Depths::Planes(depths) => [depths[plane]; RUN],
             Depths::Around { u, planes, count, step } => {
-                planes.of((plane as f32 - 0.5 * (count - 1) as f32).mul_add(*step, u[pixel]))
+                let mut around = [0.0; RUN];
+                let first = pixels.y * self.reference.features.width + pixels.first;
+                around[..pixels.count].copy_from_slice(&u[first..][..pixels.count]);
+                let offset = plane as f32 - 0.5 * (count - 1) as f32;
+                around.map(|u| planes.of(offset.mul_add(*step, u)))
             }
         }
     }
@@ -150,133 +155,177 @@ impl<'a> Sweep<'a> {
     pub fn volume(&self, sources: &[Placed<'a>], masks: &[Vec<f32>]) -> Map {
         let sources: Vec<_> = sources.iter().map(|source| self.source(source)).collect();
         let [_, height, width] = self.reference.features.sides();
-        Map::by_rows([self.count(), height, width], GROUPS, |row, to| {
-            weigh_row(self, &sources, masks, row, to);
-        })
+        let mut volume = Map::new([self.count(), height, width], GROUPS);
+        let mut rows: Vec<Vec<&mut [f32]>> = (0..height).map(|_| Vec::with_capacity(self.count())).collect();
+        for (at, row) in volume.values.chunks_exact_mut(width * GROUPS).enumerate() {
+            rows[at % height].push(row);
+        }
+        rows.par_iter_mut().enumerate().for_each(|(y, planes)| weigh_rows(self, &sources, masks, y, planes));
+        volume
     }
 }
+
+/// Pixels of a row that are swept at once: their positions are computed in vectors.
+const RUN: usize = 32;
+
+/// A few neighbouring pixels of a row, from the `first` on.
+#[derive(Clone, Copy)]
+struct Pixels {
+    y: usize,
+    first: usize,
+    count: usize,
+}
+
+/// The rays of pixels by axis: the pixel at depth d is at d · ray + offset.
+type Rays = [[f32; RUN]; 3];
 
 impl Source<'_> {
-    /// The rays of a row's pixels: the pixel at depth d is at d · ray + offset.
-    fn rays(&self, sweep: &Sweep<'_>, y: usize, rays: &mut Vec<[f32; 3]>) {
-        let centre = |at: usize| (at as f64 + 0.5) * sweep.stride as f64;
-        let y = centre(y);
-        rays.clear();
-        rays.extend((0..sweep.reference.features.width).map(|x| {
-            let x = centre(x);
-            self.linear.map(|[a, b, c]| (a * x + b * y + c) as f32)
-        }));
+    #[inline(always)]
+    fn rays(&self, stride: usize, pixels: Pixels) -> Rays {
+        let centre = |at: usize| (at as f64 + 0.5) * stride as f64;
+        let y = centre(pixels.y);
+        self.linear
+            .map(|[a, b, c]| std::array::from_fn(|at| (a * centre(pixels.first + at) + b * y + c) as f32))
     }
 
-    /// The four pixels around a point, `None` behind the camera and outside.
+    /// Where pixels at these depths lie in the view, each with the weight of its correlation.
     #[inline(always)]
-    fn corners(&self, ray: [f32; 3], depth: f32) -> Option<Corners> {
-        let [x, y, z]: [f32; 3] = std::array::from_fn(|axis| depth.mul_add(ray[axis], self.offset[axis]));
-        if z <= BEHIND {
-            return None;
+    fn samples(&self, rays: &Rays, depths: &[f32; RUN], weights: &[f32; RUN]) -> Samples {
+        let mut samples = Samples { corners: [[0; RUN]; 4], weights: [[0.0; RUN]; 4] };
+        let (width, height) = (self.features.width, self.features.height);
+        for at in 0..RUN {
+            let [x, y, z]: [f32; 3] =
+                std::array::from_fn(|axis| depths[at].mul_add(rays[axis][at], self.offset[axis]));
+            let inverse = 1.0 / z;
+            let (x, y) = (x * inverse * self.scale[0] - 0.5, y * inverse * self.scale[1] - 0.5);
+            let is_inside = z > BEHIND && x > -1.0 && y > -1.0 && x < width as f32 && y < height as f32;
+            let weight = if is_inside { weights[at] * GROUPS as f32 / CHANNELS as f32 } else { 0.0 };
+            let (x, [left, right]) = along(if is_inside { x } else { 0.0 }, width);
+            let (y, [above, below]) = along(if is_inside { y } else { 0.0 }, height);
+            let weights = [left * above, right * above, left * below, right * below];
+            for (corner, [x, y]) in
+                [[x[0], y[0]], [x[1], y[0]], [x[0], y[1]], [x[1], y[1]]].into_iter().enumerate()
+            {
+                samples.corners[corner][at] = y * width as u32 + x;
+                samples.weights[corner][at] = weights[corner] * weight;
+            }
         }
-        let inverse = 1.0 / z;
-        Corners::around(self.features, [x * inverse * self.scale[0] - 0.5, y * inverse * self.scale[1] - 0.5])
+        samples
     }
 }
 
-/// The four pixels around a position, as offsets into the values, and their bilinear weights. Pixels outside of the image have
-/// weight 0.
-#[derive(Clone, Copy)]
-struct Corners {
-    offsets: [usize; 4],
-    weights: [f32; 4],
+/// The two pixels around a position along an axis, and their weights for linear interpolation; a pixel outside has weight 0.
+#[inline(always)]
+fn along(position: f32, count: usize) -> ([u32; 2], [f32; 2]) {
+    // Not below -1, so that truncation is the floor.
+    let first = (position + 1.0) as i32 - 1;
+    let (last, share) = (count as i32 - 1, position - first as f32);
+    let low = if first >= 0 { 1.0 - share } else { 0.0 };
+    let high = if first < last { share } else { 0.0 };
+    ([first.max(0) as u32, (first + 1).min(last) as u32], [low, high])
 }
 
-impl Corners {
-    #[inline(always)]
-    fn around(map: &Map, [x, y]: [f32; 2]) -> Option<Self> {
-        if !(x > -1.0 && y > -1.0 && x < map.width as f32 && y < map.height as f32) {
-            return None;
-        }
-        // x + 1 and y + 1 are not negative, so truncation is their floor.
-        let (x0, y0) = ((x + 1.0) as i32 - 1, (y + 1.0) as i32 - 1);
-        let axis = |first: i32, share: f32, count: usize| {
-            let last = count as i32 - 1;
-            let low = if first >= 0 { 1.0 - share } else { 0.0 };
-            let high = if first < last { share } else { 0.0 };
-            ([first.max(0) as usize, (first + 1).min(last) as usize], [low, high])
-        };
-        let ([x0, x1], [left, right]) = axis(x0, x - x0 as f32, map.width);
-        let ([y0, y1], [above, below]) = axis(y0, y - y0 as f32, map.height);
-        let at = |x: usize, y: usize| (y * map.width + x) * CHANNELS;
-        Some(Self {
-            offsets: [at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1)],
-            weights: [left * above, right * above, left * below, right * below],
-        })
-    }
+/// Positions in a source view: the four pixels around each, as numbers in the image, and their weights, which are 0 behind the
+/// camera and outside of the image.
+struct Samples {
+    corners: [[u32; RUN]; 4],
+    weights: [[f32; RUN]; 4],
+}
 
-    /// Adds `weight` times the correlation with a reference pixel to the sums of the groups.
+impl Samples {
+    /// Adds the weighed correlation of one sample with a reference pixel to the sums of the groups.
     #[inline(always)]
-    fn add_correlation(&self, map: &Map, reference: &[[f32; GROUPS]], weight: f32, sums: &mut [f32; GROUPS]) {
-        let corner = |index: usize| map.values[self.offsets[index]..][..CHANNELS].as_chunks::<GROUPS>().0;
-        let (a, b, c, d) = (corner(0), corner(1), corner(2), corner(3));
-        let weight = weight * GROUPS as f32 / CHANNELS as f32;
-        let [wa, wb, wc, wd] = self.weights.map(|corner| corner * weight);
-        for j in 0..CHANNELS / GROUPS {
+    fn add_correlation(
+        &self,
+        at: usize,
+        features: &[[f32; CHANNELS]],
+        reference: &[f32; CHANNELS],
+        sums: &mut [f32; GROUPS],
+    ) {
+        let [wa, wb, wc, wd] = std::array::from_fn(|corner| self.weights[corner][at]);
+        let [a, b, c, d] = std::array::from_fn(|corner| &features[self.corners[corner][at] as usize]);
+        for first in (0..CHANNELS).step_by(GROUPS) {
             for g in 0..GROUPS {
-                let sampled = wd.mul_add(d[j][g], wc.mul_add(c[j][g], wb.mul_add(b[j][g], wa * a[j][g])));
-                sums[g] = sampled.mul_add(reference[j][g], sums[g]);
+                let k = first + g;
+                let sampled = wd.mul_add(d[k], wc.mul_add(c[k], wb.mul_add(b[k], wa * a[k])));
+                sums[g] = sampled.mul_add(reference[k], sums[g]);
             }
         }
     }
+}
+
+/// The features of a map, pixel by pixel.
+#[inline(always)]
+fn pixels_of(values: &[f32]) -> &[[f32; CHANNELS]] {
+    values.as_chunks().0
 }
 
 #[inline(always)]
 fn pool(sweep: &Sweep<'_>, source: &Source<'_>, row: Row, to: &mut [f32]) {
-    let reference = sweep.reference.features.row(row).as_chunks::<GROUPS>().0;
-    let mut rays = Vec::new();
-    source.rays(sweep, row.y, &mut rays);
-    let (count, width) = (sweep.count(), rays.len());
+    let reference = pixels_of(sweep.reference.features.row(row));
+    let features = pixels_of(&source.features.values);
+    let count = sweep.count();
     let share = 1.0 / count as f32;
-    let (pixels, _) = to.as_chunks_mut::<GROUPS>().0.as_chunks_mut::<2>();
-    for (x, (ray, pooled)) in rays.iter().zip(pixels).enumerate() {
-        let reference = &reference[x * CHANNELS / GROUPS..][..CHANNELS / GROUPS];
-        let (mut largest, mut sum) = ([f32::NEG_INFINITY; GROUPS], [0.0; GROUPS]);
+    let (pooled, _) = to.as_chunks_mut::<GROUPS>().0.as_chunks_mut::<2>();
+    for (run, pooled) in pooled.chunks_mut(RUN).enumerate() {
+        let pixels = Pixels { y: row.y, first: run * RUN, count: pooled.len() };
+        let rays = source.rays(sweep.stride, pixels);
+        pooled.fill([[f32::NEG_INFINITY; GROUPS], [0.0; GROUPS]]);
         for plane in 0..count {
-            let mut values = [0.0; GROUPS];
-            if let Some(corners) = source.corners(*ray, sweep.depth(plane, row.y * width + x)) {
-                corners.add_correlation(source.features, reference, 1.0, &mut values);
-            }
-            for g in 0..GROUPS {
-                largest[g] = largest[g].max(values[g]);
-                sum[g] += values[g];
+            let samples = source.samples(&rays, &sweep.depths(plane, pixels), &[1.0; RUN]);
+            for (at, [largest, sum]) in pooled.iter_mut().enumerate() {
+                let mut values = [0.0; GROUPS];
+                samples.add_correlation(at, features, &reference[pixels.first + at], &mut values);
+                for g in 0..GROUPS {
+                    largest[g] = largest[g].max(values[g]);
+                    sum[g] += values[g];
+                }
             }
         }
-        *pooled = [largest, sum.map(|sum| sum * share)];
+        pooled.iter_mut().for_each(|[_, sum]| sum.iter_mut().for_each(|sum| *sum *= share));
     }
 }
 widened!(pool => pool_row(sweep: &Sweep<'_>, source: &Source<'_>, row: Row, to: &mut [f32]));
 
+/// Row `y` of all planes of the volume. A few pixels go through all planes before the next ones do, because neighbouring planes see
+/// neighbouring features.
 #[inline(always)]
-fn weigh(sweep: &Sweep<'_>, sources: &[Source<'_>], masks: &[Vec<f32>], Row { z, y }: Row, to: &mut [f32]) {
-    let reference = sweep.reference.features.line(y).as_chunks::<GROUPS>().0;
-    let mut rays = Vec::new();
-    let (pixels, _) = to.as_chunks_mut::<GROUPS>();
-    let first = y * pixels.len();
-    for (source, mask) in sources.iter().zip(masks) {
-        source.rays(sweep, y, &mut rays);
-        for (x, (sums, ray)) in pixels.iter_mut().zip(&rays).enumerate() {
-            let Some(corners) = source.corners(*ray, sweep.depth(z, first + x)) else { continue };
-            let reference = &reference[x * CHANNELS / GROUPS..][..CHANNELS / GROUPS];
-            corners.add_correlation(source.features, reference, mask[first + x], sums);
+fn weigh(sweep: &Sweep<'_>, sources: &[Source<'_>], masks: &[Vec<f32>], y: usize, planes: &mut [&mut [f32]]) {
+    let reference = pixels_of(sweep.reference.features.line(y));
+    let width = sweep.reference.features.width;
+    for first in (0..width).step_by(RUN) {
+        let pixels = Pixels { y, first, count: RUN.min(width - first) };
+        let mut total = [0.0; RUN];
+        for (at, (source, mask)) in sources.iter().zip(masks).enumerate() {
+            let rays = source.rays(sweep.stride, pixels);
+            let features = pixels_of(&source.features.values);
+            let mut weights = [0.0; RUN];
+            weights[..pixels.count].copy_from_slice(&mask[y * width + first..][..pixels.count]);
+            total.iter_mut().zip(weights).for_each(|(total, weight)| *total += weight);
+            for (plane, to) in planes.iter_mut().enumerate() {
+                let sums = &mut to.as_chunks_mut::<GROUPS>().0[first..][..pixels.count];
+                if at == 0 {
+                    sums.fill([0.0; GROUPS]);
+                }
+                let samples = source.samples(&rays, &sweep.depths(plane, pixels), &weights);
+                for (at, sums) in sums.iter_mut().enumerate() {
+                    samples.add_correlation(at, features, &reference[first + at], sums);
+                }
+            }
+        }
+        let shares = total.map(|total| 1.0 / (total + UNSEEN));
+        for to in planes.iter_mut() {
+            let sums = &mut to.as_chunks_mut::<GROUPS>().0[first..][..pixels.count];
+            for (sums, share) in sums.iter_mut().zip(shares) {
+                sums.iter_mut().for_each(|sum| *sum *= share);
+            }
         }
     }
-    for (x, sums) in pixels.iter_mut().enumerate() {
-        let weight: f32 = masks.iter().map(|mask| mask[first + x]).sum();
-        let share = 1.0 / (weight + UNSEEN);
-        sums.iter_mut().for_each(|sum| *sum *= share);
-    }
 }
-widened!(weigh => weigh_row(
+widened!(weigh => weigh_rows(
     sweep: &Sweep<'_>,
     sources: &[Source<'_>],
     masks: &[Vec<f32>],
-    row: Row,
-    to: &mut [f32],
+    y: usize,
+    planes: &mut [&mut [f32]],
 ));

@@ -5,8 +5,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::convolution::Kernel;
+use crate::lanes::Lanes;
 use crate::map::{Map, Row};
-use crate::wide::widened;
 
 /// A convolution of stride 1 to one channel. Its products are summed over lanes of input channels.
 #[derive(Clone, Debug)]
@@ -63,38 +63,84 @@ impl ToOne {
     }
 }
 
-#[inline(always)]
-fn row_to_one(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]) {
-    let [depth, height, width] = layer.sides;
-    let line = width * layer.inputs;
-    for (x, out) in out.iter_mut().enumerate() {
-        let mut sums = [0.0_f32; LANES];
-        for (kz, ky) in (0..depth).flat_map(|z| (0..height).map(move |y| (z, y))) {
-            let z = (row.z + kz) as isize - (layer.padding[0] + first) as isize;
-            let y = (row.y + ky) as isize - layer.padding[1] as isize;
-            if z < 0 || y < 0 || z >= input.planes as isize || y >= input.height as isize {
-                continue;
-            }
-            let begin = x as isize - layer.padding[2] as isize;
-            let low = begin.max(0);
-            let high = (begin + width as isize).min(input.width as isize);
-            let weights = &layer.weights[(kz * height + ky) * line..][..line];
-            let weights =
-                &weights[(low - begin) as usize * layer.inputs..(high - begin) as usize * layer.inputs];
-            let values = &input.row(Row { z: z as usize, y: y as usize })[low as usize * layer.inputs..];
-            let (weights, values) = (weights.as_chunks::<LANES>().0, values.as_chunks::<LANES>().0);
-            for (weights, values) in weights.iter().zip(values) {
-                for lane in 0..LANES {
-                    sums[lane] = values[lane].mul_add(weights[lane], sums[lane]);
-                }
-            }
+/// Pixels whose sums are in registers at once.
+const TILE: usize = 8;
+
+/// One row of the output, by the widest vectors of eight values that the processor has.
+fn run_row_to_one(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2,fma")]
+        fn avx2(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]) {
+            row_to_one::<crate::lanes::x86::Avx<1>>(layer, input, first, row, out);
         }
-        let [a, b, c, d, e, f, g, h] = sums;
-        *out = layer.shift + (((a + e) + (c + g)) + ((b + f) + (d + h)));
+        if crate::wide::widest() != crate::wide::Widest::Any {
+            // SAFETY: the processor has what the function is compiled for.
+            return unsafe { avx2(layer, input, first, row, out) };
+        }
+    }
+    #[cfg(target_arch = "aarch64")]
+    row_to_one::<crate::lanes::arm::Neon<2>>(layer, input, first, row, out);
+    #[cfg(not(target_arch = "aarch64"))]
+    row_to_one::<[f32; LANES]>(layer, input, first, row, out);
+}
+
+#[inline(always)]
+fn row_to_one<V: Lanes>(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]) {
+    let left = layer.padding[2];
+    let last = (input.width + left + 1).saturating_sub(layer.sides[2]);
+    let mut x = 0;
+    while x < out.len() {
+        if x >= left && x + TILE <= last {
+            tile_to_one::<V, TILE>(layer, input, first, row, x, &mut out[x..x + TILE]);
+            x += TILE;
+        } else {
+            tile_to_one::<V, 1>(layer, input, first, row, x, &mut out[x..x + 1]);
+            x += 1;
+        }
     }
 }
 
-widened!(row_to_one => run_row_to_one(layer: &ToOne, input: &Map, first: usize, row: Row, out: &mut [f32]));
+/// The pixels from `x` on, whose neighbours all lie inside of the row unless it is one pixel.
+#[inline(always)]
+fn tile_to_one<V: Lanes, const P: usize>(
+    layer: &ToOne,
+    input: &Map,
+    first: usize,
+    row: Row,
+    x: usize,
+    out: &mut [f32],
+) {
+    let [depth, height, width] = layer.sides;
+    let (channels, line) = (layer.inputs, width * layer.inputs);
+    let begin = x as isize - layer.padding[2] as isize;
+    let low = begin.max(0) as usize;
+    let high = (begin + width as isize).min(input.width as isize) as usize;
+    let left_out = (low as isize - begin) as usize * channels;
+    let mut sums = [V::all(0.0); P];
+    for (kz, ky) in (0..depth).flat_map(|z| (0..height).map(move |y| (z, y))) {
+        let z = (row.z + kz) as isize - (layer.padding[0] + first) as isize;
+        let y = (row.y + ky) as isize - layer.padding[1] as isize;
+        if z < 0 || y < 0 || z >= input.planes as isize || y >= input.height as isize {
+            continue;
+        }
+        let weights = &layer.weights[(kz * height + ky) * line + left_out..][..(high - low) * channels];
+        let values = &input.row(Row { z: z as usize, y: y as usize })[low * channels..];
+        let values = &values[..(high - low + P - 1) * channels];
+        for (at, weights) in weights.as_chunks::<LANES>().0.iter().enumerate() {
+            let weights = V::load(weights);
+            for (p, sum) in sums.iter_mut().enumerate() {
+                *sum = sum.plus(V::load(&values[p * channels + at * LANES..]), weights);
+            }
+        }
+    }
+    for (sum, out) in sums.into_iter().zip(out) {
+        let mut lanes = [0.0; LANES];
+        sum.store(&mut lanes);
+        let [a, b, c, d, e, f, g, h] = lanes;
+        *out = layer.shift + (((a + e) + (c + g)) + ((b + f) + (d + h)));
+    }
+}
 
 #[cfg(test)]
 mod tests {

@@ -12,7 +12,7 @@ pub use parts::PartialFusion;
 
 use crate::event::{OnEvent, tell};
 use crate::export::Exporter;
-use crate::memory::{format_bytes, keeping_freed};
+use crate::memory::{KeptMemory, format_bytes};
 use crate::output::{LeftOut, folder_of, is_same, remove_unfinished};
 use crate::output::{Lock, is_claimed};
 use crate::{Event, ExportOptions, FusionOptions, Maps, MemoryLimit, VamvsError, memory};
@@ -132,7 +132,8 @@ pub(crate) fn merge<S: MapSource + ?Sized>(
         done += 1;
         on_event(Event::Fusion { done, total })
     };
-    let report = keeping_freed(|| vamvs_fusion::fuse(&job, sink, &mut progress))?;
+    let _kept = KeptMemory::new();
+    let report = vamvs_fusion::fuse(&job, sink, &mut progress)?;
     warn_of_memory(report.memory, memory, options.max_memory, on_event)?;
     Ok(report)
 }

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use bytesize::ByteSize;
 use serde::{Deserialize, Serialize};
@@ -151,13 +152,28 @@ pub(crate) fn give_back() {
     (allocator().give_back)();
 }
 
-/// Does work that frees large blocks and asks for others of the same size all the time. Meanwhile freed memory stays with the
-/// process; else the system would clear its pages each time.
-pub(crate) fn keeping_freed<R>(work: impl FnOnce() -> R) -> R {
-    (allocator().keep_freed)(true);
-    let result = work();
-    (allocator().keep_freed)(false);
-    result
+/// While it lives, memory that is freed stays with the process: for work that frees large blocks and asks for others of the same size
+/// all the time, for which the system would clear its pages each time.
+pub(crate) struct KeptMemory(());
+
+/// How many [`KeptMemory`] there are.
+static KEEPING: AtomicUsize = AtomicUsize::new(0);
+
+impl KeptMemory {
+    pub(crate) fn new() -> Self {
+        if KEEPING.fetch_add(1, Ordering::Relaxed) == 0 {
+            (allocator().keep_freed)(true);
+        }
+        Self(())
+    }
+}
+
+impl Drop for KeptMemory {
+    fn drop(&mut self) {
+        if KEEPING.fetch_sub(1, Ordering::Relaxed) == 1 {
+            (allocator().keep_freed)(false);
+        }
+    }
 }
 
 /// Returns the free memory of glibc's heap.

@@ -16,12 +16,13 @@ use crate::event::{OnEvent, tell};
 use crate::feature_cache::{FeatureCache, Seen};
 use crate::fit::most_bytes;
 use crate::geometric::Needed;
+use crate::memory::{self, KeptMemory};
 use crate::method::{Clock, Encoded, Estimated, Task};
 use crate::output::LoadedMap;
 use crate::photographs::working_cameras;
 use crate::refinement::{Refinement, Seed};
 use crate::region::shares;
-use crate::{Event, Prepared, VamvsError, ViewPlan, memory};
+use crate::{Event, Prepared, VamvsError, ViewPlan};
 
 /// A depth within this share of the planes from either end counts as being at that end.
 const END_SHARE: f64 = 0.01;
@@ -39,6 +40,8 @@ pub(super) struct Maker<'a> {
     pub ceiling: Ceiling,
     /// Views whose photographs cannot be used, with the reason.
     unusable: BTreeMap<usize, String>,
+    /// Depth maps need blocks of the same sizes again and again.
+    _kept: KeptMemory,
 }
 
 /// A view's depth maps, the coarsest first, and what they were made of.
@@ -143,6 +146,7 @@ impl<'a> Maker<'a> {
             clock: work.method.clock(),
             ceiling: Ceiling::new(limit, for_maps),
             unusable: BTreeMap::new(),
+            _kept: KeptMemory::new(),
         }
     }
 

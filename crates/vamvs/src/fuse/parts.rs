@@ -13,7 +13,7 @@ use vamvs_fusion::{
 
 use super::{FuseSummary, Sink, warn_of_memory, with_own_confidence, working_memory, write_cloud};
 use crate::event::OnEvent;
-use crate::memory::keeping_freed;
+use crate::memory::KeptMemory;
 use crate::part_files::{FrameReader, Kind, PartFiles, path};
 use crate::photographs::hash_file;
 use crate::{Event, ExportOptions, FusionOptions, Maps, VamvsError};
@@ -71,8 +71,8 @@ impl<'a> PartialFusion<'a> {
             on_event(Event::Fusion { done, total })
         };
         let job = self.job();
-        let confirm = || vamvs_fusion::confirm(&job, &self.schedule, part, &mut progress);
-        let (views, memory) = keeping_freed(confirm)?;
+        let _kept = KeptMemory::new();
+        let (views, memory) = vamvs_fusion::confirm(&job, &self.schedule, part, &mut progress)?;
         let mut pixels = self.files.create(Kind::Pixels, part)?;
         views.iter().try_for_each(|view| pixels.push(&view))?;
         pixels.finish()?;
@@ -107,8 +107,8 @@ impl<'a> PartialFusion<'a> {
             if goes_on { Ok(()) } else { Err(FuseError::Cancelled) }
         };
         let job = self.job();
-        let merge = || vamvs_fusion::merge(&job, &self.schedule, part, (&pixels, &counts), &mut take);
-        let memory = keeping_freed(merge)?;
+        let _kept = KeptMemory::new();
+        let memory = vamvs_fusion::merge(&job, &self.schedule, part, (&pixels, &counts), &mut take)?;
         file.finish()?;
         warn_of_memory(memory, job.memory, self.options.max_memory, on_event)?;
         Ok(true)

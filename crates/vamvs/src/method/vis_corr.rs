@@ -9,7 +9,6 @@ use vamvs_corr::{EncodedView, Estimate, Network, Stage};
 use super::part::{placed, placed_visibility, widened};
 use super::{Clock, Estimated, Features, Task};
 use crate::fit::MethodMemory;
-use crate::memory::keeping_freed;
 use crate::method::Encoded;
 use crate::output::ConfidenceKind;
 use crate::{DepthOptions, MemoryLimit, VamvsError};
@@ -120,9 +119,7 @@ impl VisCorr {
         if let Some(gpu) = &self.gpu {
             return Ok(Features::Gpu(Box::new(clock.time("encode", || gpu.encode(photo))?)));
         }
-        Ok(Features::VisCorr(Box::new(
-            clock.time("encode", || keeping_freed(|| self.network.encode(photo)))?,
-        )))
+        Ok(Features::VisCorr(Box::new(clock.time("encode", || self.network.encode(photo))?)))
     }
 
     pub(super) fn estimate(&self, task: &Task<'_>, clock: &mut Clock) -> Result<Estimated, VamvsError> {
@@ -131,7 +128,7 @@ impl VisCorr {
                 Stage::Sweep => "sweep",
                 Stage::Regularize => "regularize",
             };
-            clock.time(name, || keeping_freed(run));
+            clock.time(name, run);
         };
         let Task { reference, sources, plan, region } = task;
         let camera = reference.photo.camera;
