@@ -7,8 +7,6 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use crate::lanes::Lanes;
 use crate::map::{Map, Row};
 #[cfg(target_arch = "x86_64")]
@@ -199,14 +197,16 @@ impl Convolution {
     ) -> Map {
         assert_eq!(input.channels, self.inputs, "a convolution takes {} channels", self.inputs);
         let [_, height, width] = self.sides(input.sides());
-        let mut out = Map::new([planes.len(), height, width], self.outputs);
-        let rows = out.values.par_chunks_mut(width * self.outputs).enumerate();
-        rows.for_each_init(Vec::new, |scratch, (at, values)| {
-            let row = Row { z: planes.start + at / height, y: at % height };
-            run_row(self, input, row, values, scratch);
-            finish(row, values);
-        });
-        out
+        Map::by_rows_with(
+            [planes.len(), height, width],
+            self.outputs,
+            Vec::new,
+            |scratch, Row { z, y }, values| {
+                let row = Row { z: planes.start + z, y };
+                run_row(self, input, row, values, scratch);
+                finish(row, values);
+            },
+        )
     }
 }
 

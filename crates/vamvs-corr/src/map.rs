@@ -1,6 +1,7 @@
 //! Images and volumes of features.
 
 use std::borrow::Cow;
+use std::mem::MaybeUninit;
 
 use rayon::prelude::*;
 
@@ -63,14 +64,55 @@ impl Map {
         self.row(Row { z: 0, y })
     }
 
-    /// Makes a map row by row, in parallel.
+    /// Makes a map row by row, in parallel, from rows of zeros.
     pub fn by_rows(sides: [usize; 3], channels: usize, make: impl Fn(Row, &mut [f32]) + Sync) -> Self {
-        let mut map = Self::new(sides, channels);
-        let length = map.width * channels;
-        map.values.par_chunks_mut(length).enumerate().for_each(|(row, values)| {
-            make(Row { z: row / sides[1], y: row % sides[1] }, values);
-        });
-        map
+        Self::by_rows_with(sides, channels, || (), |(), row, values| make(row, values))
+    }
+
+    /// As [`Map::by_rows`], with scratch memory for each thread.
+    pub fn by_rows_with<S>(
+        sides: [usize; 3],
+        channels: usize,
+        scratch: impl Fn() -> S + Sync + Send,
+        make: impl Fn(&mut S, Row, &mut [f32]) + Sync,
+    ) -> Self {
+        Self::filled(sides, channels, |rows| {
+            let rows = rows.par_chunks_exact_mut(sides[2] * channels).enumerate();
+            rows.for_each_init(scratch, |scratch, (at, row)| {
+                make(scratch, Row { z: at / sides[1], y: at % sides[1] }, zeroed(row));
+            });
+        })
+    }
+
+    /// Makes a map in parallel, row `y` of all planes at once, from rows of zeros.
+    pub fn through_planes(
+        sides: [usize; 3],
+        channels: usize,
+        make: impl Fn(usize, &mut [&mut [f32]]) + Sync,
+    ) -> Self {
+        Self::filled(sides, channels, |all| {
+            let mut rows: Vec<Vec<_>> = (0..sides[1]).map(|_| Vec::with_capacity(sides[0])).collect();
+            for (at, row) in all.chunks_exact_mut(sides[2] * channels).enumerate() {
+                rows[at % sides[1]].push(row);
+            }
+            rows.into_par_iter().enumerate().for_each(|(y, planes)| {
+                make(y, &mut planes.into_iter().map(zeroed).collect::<Vec<_>>());
+            });
+        })
+    }
+
+    /// A map whose values `fill` writes, all of them. Memory is not set to zero before, because one thread alone would do that.
+    fn filled(
+        [planes, height, width]: [usize; 3],
+        channels: usize,
+        fill: impl FnOnce(&mut [MaybeUninit<f32>]),
+    ) -> Self {
+        let count = planes * height * width * channels;
+        let mut values = Vec::with_capacity(count);
+        fill(&mut values.spare_capacity_mut()[..count]);
+        // SAFETY: both callers pass every row to `zeroed`: `chunks_exact_mut` by a divisor of the length leaves nothing out.
+        unsafe { values.set_len(count) };
+        Self { planes, height, width, channels, values }
     }
 
     /// The map with each side extended to a multiple of `of` [planes, height, width] by repeating its last values.
@@ -148,6 +190,13 @@ impl Map {
     }
 }
 
+/// Writes zeros.
+fn zeroed(row: &mut [MaybeUninit<f32>]) -> &mut [f32] {
+    row.fill(MaybeUninit::new(0.0));
+    // SAFETY: every value has just been written, and a written `MaybeUninit` is laid out as its value.
+    unsafe { &mut *(std::ptr::from_mut(row) as *mut [f32]) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -180,6 +229,21 @@ mod tests {
         assert_eq!(map.row(Row { z: 1, y: 3 }), map.row(Row { z: 0, y: 1 }));
         assert_eq!(map.line(1)[4..], [5.0, -5.0, 5.0, -5.0]);
         assert_eq!(*map.sized([1, 2, 3]), small);
+    }
+
+    #[test]
+    fn rows_through_all_planes_are_those_of_the_planes() {
+        let value = |z: usize, y: usize, at: usize| (100 * z + 10 * y + at) as f32;
+        let by_rows = Map::by_rows([3, 4, 2], 2, |Row { z, y }, to| {
+            to.iter_mut().enumerate().for_each(|(at, to)| *to += value(z, y, at));
+        });
+        let through = Map::through_planes([3, 4, 2], 2, |y, planes| {
+            for (z, to) in planes.iter_mut().enumerate() {
+                to.iter_mut().enumerate().for_each(|(at, to)| *to += value(z, y, at));
+            }
+        });
+        assert_eq!(by_rows, through);
+        assert_eq!(by_rows.row(Row { z: 2, y: 3 }), [230.0, 231.0, 232.0, 233.0]);
     }
 
     #[test]

@@ -4,7 +4,6 @@
 //! first pooled, to predict what a view sees, and then averaged with these weights. Correlations are computed twice rather than
 //! kept, because writing a volume takes longer than computing it.
 
-use rayon::prelude::*;
 use vamvs_core::homography::PixelTransfer;
 use vamvs_core::{Pinhole, Planes, Pose, Size, Spacing};
 
@@ -125,7 +124,11 @@ impl<'a> Sweep<'a> {
                 let first = pixels.y * self.reference.features.width + pixels.first;
                 around[..pixels.count].copy_from_slice(&u[first..][..pixels.count]);
                 let offset = plane as f32 - 0.5 * (count - 1) as f32;
-                around.map(|u| planes.of(offset.mul_add(*step, u)))
+                // Not `map`, which would not be compiled for the caller's instruction set.
+                for u in &mut around {
+                    *u = planes.of(offset.mul_add(*step, *u));
+                }
+                around
             }
         }
     }
@@ -155,13 +158,9 @@ impl<'a> Sweep<'a> {
     pub fn volume(&self, sources: &[Placed<'a>], masks: &[Vec<f32>]) -> Map {
         let sources: Vec<_> = sources.iter().map(|source| self.source(source)).collect();
         let [_, height, width] = self.reference.features.sides();
-        let mut volume = Map::new([self.count(), height, width], GROUPS);
-        let mut rows: Vec<Vec<&mut [f32]>> = (0..height).map(|_| Vec::with_capacity(self.count())).collect();
-        for (at, row) in volume.values.chunks_exact_mut(width * GROUPS).enumerate() {
-            rows[at % height].push(row);
-        }
-        rows.par_iter_mut().enumerate().for_each(|(y, planes)| weigh_rows(self, &sources, masks, y, planes));
-        volume
+        Map::through_planes([self.count(), height, width], GROUPS, |y, planes| {
+            weigh_rows(self, &sources, masks, y, planes);
+        })
     }
 }
 
@@ -296,7 +295,7 @@ fn weigh(sweep: &Sweep<'_>, sources: &[Source<'_>], masks: &[Vec<f32>], y: usize
     for first in (0..width).step_by(RUN) {
         let pixels = Pixels { y, first, count: RUN.min(width - first) };
         let mut total = [0.0; RUN];
-        for (at, (source, mask)) in sources.iter().zip(masks).enumerate() {
+        for (source, mask) in sources.iter().zip(masks) {
             let rays = source.rays(sweep.stride, pixels);
             let features = pixels_of(&source.features.values);
             let mut weights = [0.0; RUN];
@@ -304,9 +303,6 @@ fn weigh(sweep: &Sweep<'_>, sources: &[Source<'_>], masks: &[Vec<f32>], y: usize
             total.iter_mut().zip(weights).for_each(|(total, weight)| *total += weight);
             for (plane, to) in planes.iter_mut().enumerate() {
                 let sums = &mut to.as_chunks_mut::<GROUPS>().0[first..][..pixels.count];
-                if at == 0 {
-                    sums.fill([0.0; GROUPS]);
-                }
                 let samples = source.samples(&rays, &sweep.depths(plane, pixels), &weights);
                 for (at, sums) in sums.iter_mut().enumerate() {
                     samples.add_correlation(at, features, &reference[first + at], sums);
