@@ -12,7 +12,7 @@ use crate::pyramid::{BLOCK, CHANNELS, STRIDE, positive};
 use crate::sweep::{GROUPS, Placed, Sweep};
 use crate::view::EncodedView;
 use crate::weights::{Cascade, Manifest, Weights};
-use crate::wide::sigmoid;
+use crate::wide::sigmoids;
 
 /// The network.
 #[derive(Debug)]
@@ -145,7 +145,7 @@ impl Network {
     fn visibility(&self, pooled: &Map) -> Vec<f32> {
         let ([first, second], last) = &self.layers.seen;
         let looked = second.run(&first.run(pooled, positive), positive);
-        last.run(&looked, |_, values| values.iter_mut().for_each(|value| *value = sigmoid(*value)))
+        last.run(&looked, |_, values| sigmoids(values, 1.0))
     }
 
     /// The peak memory of a depth map from `views` photographs of `size` pixels with `planes` planes, their features included,

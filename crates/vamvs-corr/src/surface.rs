@@ -6,7 +6,7 @@ use crate::map::{Map, Row};
 use crate::pyramid::{CHANNELS, positive};
 use crate::to_one::ToOne;
 use crate::weights::{Shape, Weights};
-use crate::wide::{add, relu, sigmoid};
+use crate::wide::{add, relu, sigmoids};
 
 /// Channels of what the volumes tell of a surface.
 const EVIDENCE: usize = 6;
@@ -58,6 +58,6 @@ impl Surface {
             relu(values);
             add(values, weighed.row(row));
         });
-        self.judge.run(&judged, |_, values| values.iter_mut().for_each(|value| *value = sigmoid(*value)))
+        self.judge.run(&judged, |_, values| sigmoids(values, 1.0))
     }
 }

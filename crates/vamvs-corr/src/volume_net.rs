@@ -7,7 +7,7 @@ use crate::map::{Map, Row};
 use crate::pyramid::{CHANNELS, as_is, positive};
 use crate::to_one::ToOne;
 use crate::weights::{Shape, Weights};
-use crate::wide::{add, multiply, relu, sigmoid};
+use crate::wide::{add, multiply, relu, sigmoids};
 
 /// Channels of the volume at full resolution, 1/2, 1/4, 1/8.
 const WIDTHS: [usize; 4] = [8, 16, 32, 64];
@@ -110,9 +110,7 @@ impl Gates {
         let half = onto(&self.ups[1], &quarter, &half);
         let full = onto(&self.ups[0], &half, &self.sides[0].run(&reference, positive));
         let levels = [&full, &half, &quarter, &eighth, &half, &quarter];
-        let gate = |(head, level): (&Convolution, &Map)| {
-            head.run(level, |_, values| values.iter_mut().for_each(|value| *value = 2.0 * sigmoid(*value)))
-        };
+        let gate = |(head, level): (&Convolution, &Map)| head.run(level, |_, values| sigmoids(values, 2.0));
         self.heads.iter().zip(levels).map(gate).collect()
     }
 }
@@ -170,7 +168,10 @@ impl VolumeNet {
             });
             let slab = self.last.run_planes(&full, low, first..end, as_is);
             for plane in slab.chunks_exact(height * width) {
-                costs.extend(plane.chunks_exact(width).take(sides[1]).flat_map(|row| &row[..sides[2]]));
+                plane
+                    .chunks_exact(width)
+                    .take(sides[1])
+                    .for_each(|row| costs.extend_from_slice(&row[..sides[2]]));
             }
         }
         costs

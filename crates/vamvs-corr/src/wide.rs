@@ -38,8 +38,8 @@ fn of_processor() -> Widest {
 /// Compiles a function for the processors of each [`Widest`], and calls the one for this processor. Every result is a chain of the same
 /// operations in one order, so all variants give the same bits.
 macro_rules! widened {
-    ($body:ident => $name:ident($($argument:ident: $kind:ty),* $(,)?)) => {
-        fn $name($($argument: $kind),*) {
+    ($body:ident => $visible:vis $name:ident($($argument:ident: $kind:ty),* $(,)?)) => {
+        $visible fn $name($($argument: $kind),*) {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx2,fma")]
@@ -79,9 +79,16 @@ pub fn exp(x: f32) -> f32 {
 
 /// 1 / (1 + e⁻ˣ).
 #[inline(always)]
-pub fn sigmoid(x: f32) -> f32 {
+fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + exp(-x))
 }
+
+/// `factor` / (1 + e⁻ˣ) of each value.
+#[inline(always)]
+fn sigmoids_of(values: &mut [f32], factor: f32) {
+    values.iter_mut().for_each(|value| *value = factor * sigmoid(*value));
+}
+widened!(sigmoids_of => pub sigmoids(values: &mut [f32], factor: f32));
 
 /// Sets negative values to zero.
 #[inline(always)]
