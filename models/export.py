@@ -30,8 +30,7 @@ def copy_common(weights: dict[str, Tensor], module: nn.Module) -> None:
 
 
 def flow(weights: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The weights of the flow, which shares none with the coarse stage. Of vis-corr, whose pyramid serves both stages,
-    only those of the flow network."""
+    """The weights of the flow, which shares none with the coarse stage."""
     return {name: value for name, value in weights.items() if name.split(".")[0] in ("flow_images", "pair_flow", "flow_net")}
 
 

@@ -1,9 +1,9 @@
-"""vis-corr: a light network with the same contract, the paper's visibility-aware aggregation and PointFlow.
+"""vis-corr: a light network with the same contract and the paper's visibility-aware aggregation, without PointFlow.
 
 Views are compared by group-wise correlation (Guo et al., CVPR 2019), which is the mean product of a few channels of
 the reference and source features, instead of by an MLP for every pair of views and every plane. Each source view is
 weighted per pixel by a learned visibility, and the weighted mean of the correlations goes into one small 3D U-Net. One
-pyramid of features serves both stages. Correlation and weighted mean are in the Rust crate `vamvs-net`.
+pyramid gives the features. Correlation and weighted mean are in the Rust crates `vamvs-net`, which trains it, and `vamvs-corr`.
 
 As a cascade (Gu et al., CVPR 2020) the network sees a photograph twice: at half its size, to sweep the whole depth range
 at a stride of 8, and as it is, to sweep a few planes around that depth at a stride of 4. Both volumes have cells of the same
@@ -18,7 +18,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from layers import Conv2d, Conv3d, Deconv3d, conv3d, normalised, to_one_channel
-from va_point_mvsnet import POSITION_CHANNELS, FlowNet, padded
+from va_point_mvsnet import padded
 
 GROUP = 4  # channels in a group
 HALF, QUARTER, EIGHTH = 16, 32, 32  # channels of the features at 1/2, 1/4, 1/8
@@ -319,7 +319,7 @@ class VisCorr(nn.Module):
                 "hypotheses": 2,
                 "flow_layers": 3,
                 "planes": 48,
-                "iterations": [] if cascade else [{"scale": 4, "step": 0.5}, {"scale": 4, "step": 0.2}],
+                "iterations": [],
                 "licence": "MIT OR Apache-2.0",
                 "trained_on": "nothing: random weights",
                 "scores": {},
@@ -328,10 +328,8 @@ class VisCorr(nn.Module):
         )
         coarse = QUARTER if stride == 4 else EIGHTH
         groups = coarse // GROUP
-        fetched = (HALF + QUARTER + EIGHTH) // GROUP + QUARTER
         self.pyramid = Pyramid(norm)
         self.volume = SmallVolumeNet(groups, coarse, norm)
-        self.flow_net = FlowNet(fetched + POSITION_CHANNELS, norm, 2)
         if cascade:
             self.fine = SmallVolumeNet(groups, coarse, norm)
             self.surface_net = Surface(coarse)
@@ -387,12 +385,3 @@ class VisCorr(nn.Module):
         if self.cascade:
             return self.surface_net(evidence, reference)
         raise RuntimeError("this network is no cascade")
-
-    @torch.jit.export
-    def relate_flow(self, ref: Tensor, src: Tensor) -> Tensor:
-        raise RuntimeError("vis-corr correlates pairs of views, it relates none")
-
-    @torch.jit.export
-    def flow(self, features: Tensor, neighbours: Tensor) -> Tensor:
-        scores = [self.flow_net(features[b].t(), neighbours[b]) for b in range(features.shape[0])]
-        return torch.stack(scores)

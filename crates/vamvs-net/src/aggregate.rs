@@ -40,12 +40,17 @@ impl Aggregation {
         matches!(self, Self::VisVar | Self::VisCorr)
     }
 
-    /// Whether source views are compared with the reference view by correlation. One pyramid of features then serves
-    /// both stages, photographs are never enlarged, and the flow also gets the reference's own features at 1/4. Needs
+    /// Whether source views are compared with the reference view by correlation. Photographs are then never enlarged. Needs
     /// [`Aggregation::weighs_views`]: the masks are made of the correlations.
     #[must_use]
     pub fn correlates(self) -> bool {
         matches!(self, Self::VisCorr)
+    }
+
+    /// Whether depth maps are refined by flow iterations.
+    #[must_use]
+    pub fn has_flow(self) -> bool {
+        !self.correlates()
     }
 
     /// An empty reducer for this aggregation.

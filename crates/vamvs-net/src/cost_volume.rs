@@ -13,7 +13,7 @@ use crate::native::ncc::{self, Own};
 use crate::native::pairs::{self, Pairs, Reduction};
 use crate::native::samples::{Points, Sampled, share_of};
 use crate::native::transfer::Transfer;
-use crate::native::{self, Level, in_memory, in_memory_mut};
+use crate::native::{Level, in_memory, in_memory_mut};
 use crate::profile::{Profile, Stage};
 use crate::project::{Outside, PixelGrid, Projection, depth_of, for_offset, sample};
 use crate::script::Mode;
@@ -241,9 +241,6 @@ impl Sweep<'_> {
     /// vis-corr: the mean over the source views of their correlations with the reference view, weighted by their
     /// visibility.
     fn correlate(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
-        if self.network.kernels_correlate(&self.reference.coarse) {
-            return self.correlate_natively(seen);
-        }
         let mut reducer = self.network.manifest().aggregation.reducer();
         let mut visibility = Vec::with_capacity(self.sources.len());
         for (index, (source, projection)) in self.sources.iter().enumerate() {
@@ -257,37 +254,6 @@ impl Sweep<'_> {
         }
         let volume = reducer.finish()?.ok_or_else(no_views)?;
         Ok(CostVolume { volume: volume.f_permute([1, 0, 2, 3])?.f_unsqueeze(0)?.f_contiguous()?, visibility })
-    }
-
-    /// As [`Sweep::correlate`], with the native kernels.
-    fn correlate_natively(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
-        let reference = self.features(self.reference);
-        let swept = native::sweep::Swept {
-            reference: Level::of(reference)?,
-            pixel_grid: &self.pixel_grid,
-            depths: in_memory(&self.depths)?,
-            planes: self.count(),
-            groups: reference.size()[1] as usize / self.network.manifest().group,
-        };
-        let sources = self.sources.iter().map(|(source, _)| self.native_source(source));
-        let sources: Vec<_> = sources.collect::<Result<_, NetError>>()?;
-        let visibility: Vec<Tensor> = match seen {
-            Some(seen) => seen,
-            None => {
-                let mask = |source| self.network.visibility(&native::sweep::pooled(&swept, source)?);
-                sources.iter().map(mask).collect::<Result<_, _>>()?
-            }
-        };
-        let masks: Vec<Tensor> = visibility.iter().map(Tensor::f_contiguous).collect::<Result<_, _>>()?;
-        let masks: Vec<&[f32]> = masks.iter().map(in_memory).collect::<Result<_, _>>()?;
-        let volume = native::sweep::volume(&swept, &sources, &masks)?;
-        Ok(CostVolume { volume, visibility })
-    }
-
-    /// A source view as the native kernels see it.
-    fn native_source<'b>(&self, source: &'b EncodedView) -> Result<native::sweep::Source<'b>, NetError> {
-        let transfer = Transfer::new(self.reference, source, self.planes.range.near);
-        Ok(native::sweep::Source { level: Level::of(&source.coarse[self.level])?, transfer })
     }
 
     /// The correlation of one source view with the reference view at all planes, (D, G, h, w).

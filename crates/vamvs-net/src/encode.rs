@@ -67,9 +67,8 @@ impl Network {
         let large = enlarged(&image, enlarge)?;
         let mut levels = if flow { self.encode_flow(&large)? } else { self.without_flow(&large)? };
         let runs_layers = self.runs_layers(&levels);
-        let correlates = |level: &Tensor| self.kernels_correlate(std::slice::from_ref(level));
-        for level in &mut levels {
-            if runs_layers || correlates(level) {
+        if runs_layers {
+            for level in &mut levels {
                 *level = native::channels_last(level)?;
             }
         }
@@ -83,9 +82,8 @@ impl Network {
         if self.manifest().cascade.is_some() {
             coarse.push(self.encode_halved(&image)?);
         }
-        let relates_pairs = runs_layers && self.manifest().aggregation.relates_pairs();
-        for features in &mut coarse {
-            if relates_pairs || correlates(features) {
+        if runs_layers && self.manifest().aggregation.relates_pairs() {
+            for features in &mut coarse {
                 *features = native::channels_last(features)?;
             }
         }

@@ -132,6 +132,10 @@ impl Estimator {
     pub fn new(network: Network, options: EstimatorOptions) -> Result<Self, NetError> {
         check_iterations(&options.iterations)
             .map_err(|problem| NetError::Request(format!("the list of iterations {problem}")))?;
+        if !network.manifest().aggregation.has_flow() && !options.iterations.is_empty() {
+            let problem = format!("{} has no flow, so no flow iterations", network.manifest().name);
+            return Err(NetError::Request(problem));
+        }
         let coarse_stride = network.manifest().coarse_stride;
         if let Some(Iteration { scale, .. }) =
             options.iterations.iter().find(|iteration| iteration.scale > coarse_stride)

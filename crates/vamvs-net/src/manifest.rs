@@ -206,6 +206,9 @@ impl Manifest {
         if manifest.aggregation.correlates() && !are_zero(&offsets) {
             return Err(wrong("has feature_offsets: expected none for vis-corr".to_owned()));
         }
+        if !manifest.aggregation.has_flow() && !manifest.iterations.is_empty() {
+            return Err(wrong("has iterations: expected none for vis-corr, which has no flow".to_owned()));
+        }
         if let Some(cascade) = manifest.cascade {
             manifest.check_cascade(cascade).map_err(wrong)?;
         }
@@ -249,15 +252,12 @@ impl Manifest {
                 "has a cascade of {planes} planes (expected 2 to 64) with a step of {step} (expected 0.01 to 8)"
             ));
         }
-        if !self.aggregation.correlates()
-            || !self.context
-            || !self.coarse_alone
-            || self.feature_stride != 4
-            || !self.iterations.is_empty()
-        {
-            return Err("has a cascade: expected it of a vis-corr alone that has context, coarse_alone, a \
-                        feature_stride of 4, and no iterations"
-                .to_owned());
+        if !self.aggregation.correlates() || !self.context || !self.coarse_alone || self.feature_stride != 4 {
+            return Err(
+                "has a cascade: expected it of a vis-corr alone that has context, coarse_alone, and a \
+                        feature_stride of 4"
+                    .to_owned(),
+            );
         }
         Ok(())
     }

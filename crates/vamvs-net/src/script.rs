@@ -11,10 +11,7 @@ use crate::manifest::LARGEST_STRIDE;
 use crate::native::layers::{Layers, PairMlp};
 use crate::native::readable;
 use crate::slabs::Slabs;
-use crate::{Aggregation, Device, Manifest, NetError};
-
-/// The numbers of groups in one level of features for which the kernels are compiled.
-const GROUPS: [usize; 2] = [4, 8];
+use crate::{Device, Manifest, NetError};
 
 /// Which statistics the normalisation layers use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,15 +133,6 @@ impl Network {
         Ok(())
     }
 
-    /// Whether the kernels that correlate apply: the network is a vis-corr, whose weighted mean they compute, and its features
-    /// (1, C, h, w) are readable and have a supported number of groups.
-    pub(crate) fn kernels_correlate(&self, features: &[Tensor]) -> bool {
-        let Manifest { aggregation, group, .. } = &self.manifest;
-        let fits =
-            |level: &Tensor| level.numel() == 0 || GROUPS.contains(&(level.size()[1] as usize / group));
-        *aggregation == Aggregation::VisCorr && readable(features) && features.iter().all(fits)
-    }
-
     /// Whether kernels run the network's layers: the module gives them, its normalisation uses the running statistics, and
     /// the features (1, C, h, w) are readable.
     pub(crate) fn runs_layers(&self, features: &[Tensor]) -> bool {
@@ -249,12 +237,6 @@ impl Network {
         Ok(ChannelCounts { features, coarse: coarse.size()[1] as usize, volume, first_layers, hidden, point })
     }
 
-    /// Whether one pyramid of features serves both stages.
-    #[must_use]
-    pub fn shares_pyramid(&self) -> bool {
-        self.shared_level().is_some()
-    }
-
     /// The level of `encode_flow` that is also used as coarse features, if one pyramid serves both stages.
     pub(crate) fn shared_level(&self) -> Option<usize> {
         let Manifest { aggregation, feature_stride, .. } = self.manifest;
@@ -305,21 +287,17 @@ impl Network {
         Ok((volume_channels as usize, first_layers))
     }
 
-    /// Runs the flow on a few points. Returns [`ChannelCounts::point`].
+    /// Runs the flow on a few points. Returns [`ChannelCounts::point`]; 0 of a network without a flow.
     fn probe_flow(&self, levels: &[Tensor; 3]) -> Result<usize, NetError> {
         let (aggregation, f32) = (self.manifest.aggregation, (Kind::Float, self.device));
+        if !aggregation.has_flow() {
+            return Ok(0);
+        }
         let points = 8 * (2 * self.manifest.hypotheses as i64 + 1);
-        let widths = levels.each_ref().map(|level| level.size()[1]);
-        let channels: i64 = widths.iter().sum();
+        let channels: i64 = levels.iter().map(|level| level.size()[1]).sum();
         let fetched = Tensor::f_rand([1, channels, points], f32)?;
-        let related = if aggregation.correlates() {
-            widths.iter().try_for_each(|width| self.check_groups("encode_flow", *width))?;
-            fetched.f_narrow(1, 0, channels / self.manifest.group as i64 + widths[CONTEXT_LEVEL])?
-        } else if aggregation.relates_pairs() {
-            self.relate_flow(&fetched, &fetched)?
-        } else {
-            fetched
-        };
+        let related =
+            if aggregation.relates_pairs() { self.relate_flow(&fetched, &fetched)? } else { fetched };
         let point = channels + related.size()[1] + POSITION_CHANNELS;
         let inputs = Tensor::f_cat(&[related, Tensor::f_rand([1, POSITION_CHANNELS, points], f32)?], 1)?;
         let neighbours =
@@ -557,9 +535,6 @@ pub(crate) const EVIDENCE: i64 = 6;
 
 /// The side of the probe's image, in blocks of 8 pixels.
 const SIDE: i64 = 4;
-
-/// vis-corr: the level of the reference view's own features (1/4) that the flow gets in addition to the correlations.
-pub(crate) const CONTEXT_LEVEL: usize = 1;
 
 /// Channels of a point's normalised position: x, y, z, repeated 8 times (section 3.3).
 pub(crate) const POSITION_CHANNELS: i64 = 24;

@@ -171,16 +171,6 @@ impl Pixel<'_> {
         Judged { energy: total + self.prior_cost(plane.w), correlation, best: views }
     }
 
-    /// The number of sources whose own depth maps meet the plane to one pixel of reprojection error; `None` if no
-    /// source has a depth map.
-    pub fn geometric_agreement(&self, plane: &Plane) -> Option<usize> {
-        let meeting = |group| {
-            let way = self.seen(group, plane)?.way.to_array();
-            Some(way.iter().filter(|way| **way < 1.0).count())
-        };
-        (0..self.matcher.groups.len()).map(meeting).sum()
-    }
-
     /// The surfaces in the own depth maps of a group of sources where they see the plane; `None` if they have none.
     pub fn seen(&self, group: usize, plane: &Plane) -> Option<Seen> {
         let Group { transfers, geometries } = &self.matcher.groups[group];

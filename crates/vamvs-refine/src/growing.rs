@@ -100,7 +100,7 @@ fn taker(
     let current = mean(&|(x, y)| field.at(x, y).plane) + MARGIN;
     let energies = beside.into_iter().map(|segment| (mean(&|place| segments.plane(segment, place)), segment));
     let best = energies.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    (best.0 < current).then_some(best.1)
+    (best.0 < current.min(WORST)).then_some(best.1)
 }
 
 /// Pixels of a block whose depths are founded, on a grid.
@@ -117,7 +117,8 @@ fn samples(field: &Field, segments: &Segments, block: usize) -> Vec<(usize, usiz
 
 /// How well a plane matches at a pixel, whatever its seed.
 fn judged(matcher: &Matcher, (x, y): (usize, usize), plane: &Plane) -> Judged {
-    let pixel = (plane.w > 0.0).then(|| matcher.pixel(x, y, plane.w, 0.0)).flatten();
+    let is_seen = plane.w > 0.0 && matcher.is_seen(x, y, plane);
+    let pixel = is_seen.then(|| matcher.pixel(x, y, plane.w, 0.0)).flatten();
     let judged = pixel.map(|pixel| pixel.energy(plane, None));
     let judged = judged.unwrap_or(Judged { energy: WORST, correlation: 0.0, best: 0 });
     Judged { energy: judged.energy.min(WORST), ..judged }

@@ -42,6 +42,7 @@ mod speckle;
 mod sweep;
 mod tiles;
 mod transfer;
+mod unseen;
 mod window;
 
 use rayon::prelude::*;
@@ -303,8 +304,9 @@ fn mark_unfounded(field: &mut Field, seed_confidence: impl Fn(usize, usize) -> f
     }
 }
 
-/// Lets the planes of segments grow and draws pixels to them, smooths planes, and gives speckles, small isolated pieces of surface, the seed's planes back.
+/// Continues surfaces where no source view sees them, lets the planes of segments grow and draws pixels to them, smooths planes, and gives speckles, small isolated pieces of surface, the seed's planes back.
 fn finish(field: &mut Field, matcher: &Matcher, seed: impl Fn(usize, usize) -> (Plane, f32)) {
+    unseen::continue_surfaces(field, matcher);
     mark_unfounded(field, |x, y| seed(x, y).1);
     let mut steps = Grid::filled(field.size(), 0.0);
     steps.data_mut().par_chunks_exact_mut(field.size().width.max(1)).enumerate().for_each(|(y, row)| {

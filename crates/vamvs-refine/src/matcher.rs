@@ -6,6 +6,7 @@ use crate::RefineOptions;
 use crate::geometry::{Geometries, Geometry};
 use crate::isa::Isa;
 use crate::luminance::Padded;
+use crate::plane::Plane;
 use crate::seed::Bounds;
 use crate::source::{MOST_SOURCES, Source};
 use crate::transfer::{Four, TOGETHER, Transfers};
@@ -80,6 +81,26 @@ impl<'a> Matcher<'a> {
         }
         self.hopeless = HOPELESS_WITH_DEPTHS;
         self
+    }
+
+    /// The number of sources whose own depth maps meet a pixel's plane to one pixel of reprojection error; `None` if no source has a
+    /// depth map.
+    pub fn confirming(&self, x: usize, y: usize, plane: &Plane) -> Option<usize> {
+        let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
+        let meeting = |group: &Group| {
+            let geometries = group.geometries.as_ref()?;
+            let warps = group.transfers.warps(&group.transfers.rays(x, y), plane);
+            let way = geometries.seen(warps.inside, (warps.u, warps.v), (x, y)).way.to_array();
+            Some(way.iter().filter(|way| **way < 1.0).count())
+        };
+        self.groups.iter().map(meeting).sum()
+    }
+
+    /// Whether a pixel's plane is inside of any source view.
+    pub fn is_seen(&self, x: usize, y: usize, plane: &Plane) -> bool {
+        let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
+        let inside = |group: &Group| group.transfers.warps(&group.transfers.rays(x, y), plane).inside;
+        self.groups.iter().any(|group| inside(group) != 0)
     }
 
     /// The change of inverse depth at `(x, y)`, near inverse depth `w`, that is one pixel of disparity, on average

@@ -146,11 +146,12 @@ fn pixel(
         texture: pixel.window.variance.sqrt(),
         moved,
         seed: seed_confidence,
-        geometric: pixel.geometric_agreement(&plane).map_or(-1.0, |count| share(count as f32)),
+        geometric: matcher.confirming(x, y, &plane).map_or(-1.0, |count| share(count as f32)),
     };
     let intrinsics = &camera.intrinsics;
     let normal = plane.normal(intrinsics, x as f64 + 0.5, y as f64 + 0.5);
-    let confidence = confidence::of(&features);
+    // Of what no source view sees, a depth is a guess.
+    let confidence = if matcher.is_seen(x, y, &plane) { confidence::of(&features) } else { 0.0 };
     let matched = variance_of(state.variance, pixel.step).sqrt() as f32 / (plane.w * plane.w);
     let depth = 1.0 / plane.w;
     let doubtful = DOUBT * (1.0 - confidence) * depth;

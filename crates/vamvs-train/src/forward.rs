@@ -72,10 +72,7 @@ pub fn forward(
     profile: &mut Profile,
 ) -> Result<Output, TrainError> {
     let network = estimator.network();
-    let encode = || sample.encode(network);
-    // Where the flow alone learns, the coarse maps stay as they are: so must a pyramid that serves both stages.
-    let fixed = learning == Learning::Flow && network.shares_pyramid();
-    let views = if fixed { tch::no_grad(encode)? } else { encode()? };
+    let views = sample.encode(network)?;
     let (reference, sources) = (&views[0], views[1..].iter().collect::<Vec<_>>());
     let seen = sample.masks(network, reference)?;
     let coarse = || estimator.coarse(reference, &sources, &sample.planes, seen, profile);

@@ -10,7 +10,7 @@ use crate::output::PhotographRecord;
 use crate::{OutputFolder, Photographs, Prepared, ViewPlan};
 
 /// Increased whenever a change gives other depth maps for the same inputs.
-const PIPELINE_VERSION: u32 = 16;
+const PIPELINE_VERSION: u32 = 17;
 
 /// Hashes the inputs of each view's depth map.
 pub struct Identity<'a> {

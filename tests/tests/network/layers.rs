@@ -54,10 +54,11 @@ fn outputs(module: &tch::CModule, method: &str, inputs: &[&Tensor]) -> Vec<Tenso
 #[test]
 fn native_kernels_give_what_tensors_give() {
     let views = fixtures::still_life(Size::new(107, 85), 4);
-    for name in of_each_aggregation().chain(["weights/vis-max", "weights/vis-var", "weights/var"]) {
+    let of_paper = of_each_aggregation().filter(|name| *name != "weights/vis-corr");
+    for name in of_paper.chain(["weights/vis-max", "weights/vis-var", "weights/var"]) {
         let estimator = estimator(name);
         let (network, planes) = (estimator.network(), planes(&views[0], 13));
-        assert!(network.manifest().layers || network.manifest().aggregation.correlates(), "{name}");
+        assert!(network.manifest().layers, "{name}");
         let encode = || -> Vec<EncodedView> {
             views.iter().map(|view| network.encode(&view.photo).unwrap()).collect()
         };

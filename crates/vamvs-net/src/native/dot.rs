@@ -1,4 +1,4 @@
-//! Bilinear sampling and group-wise correlation in one step.
+//! Bilinear sampling, and functions for the widest vectors of the processor.
 
 use super::Level;
 
@@ -44,29 +44,6 @@ impl Corners {
         let [wa, wb, wc, wd] = self.weights;
         for channel in 0..out.len() {
             out[channel] = wa * a[channel] + wb * b[channel] + wc * c[channel] + wd * d[channel];
-        }
-    }
-
-    /// Adds `weight` times the correlation with the channels of a reference pixel to `sums`, one sum for each group.
-    /// Channel c belongs to group c mod `G`.
-    #[inline(always)]
-    pub fn add_correlation<const G: usize>(
-        &self,
-        level: &Level<'_>,
-        reference: &[f32],
-        weight: f32,
-        sums: &mut [f32; G],
-    ) {
-        let corner = |index: usize| level.values[self.offsets[index]..][..level.channels].as_chunks::<G>().0;
-        let (a, b, c, d) = (corner(0), corner(1), corner(2), corner(3));
-        let reference = reference.as_chunks::<G>().0;
-        let weight = weight * G as f32 / level.channels as f32;
-        let [wa, wb, wc, wd] = self.weights.map(|corner| corner * weight);
-        for (j, reference) in reference.iter().enumerate() {
-            for g in 0..G {
-                let sampled = wa * a[j][g] + wb * b[j][g] + wc * c[j][g] + wd * d[j][g];
-                sums[g] += sampled * reference[g];
-            }
         }
     }
 }

@@ -1,18 +1,16 @@
-//! Kernels for the networks' irregular parts on the CPU, without libtorch's intermediate tensors: sampling and
-//! correlation, the shared MLP on pairs of views, edge convolutions.
+//! Kernels for the irregular parts of the paper's networks on the CPU, without libtorch's intermediate tensors: sampling,
+//! the shared MLP on pairs of views, edge convolutions.
 //!
-//! libtorch warps all channels of a source view, multiplies, and averages groups, each step into a tensor of its own.
+//! libtorch warps all channels of a source view and relates them step by step, each into a tensor of its own.
 //! The kernels read the features of a position once and write only the result. Training and GPUs use tensor
 //! operations instead, against which these kernels are tested.
 
 mod dot;
 pub(crate) mod edges;
-pub(crate) mod fetch;
 pub(crate) mod layers;
 pub(crate) mod ncc;
 pub(crate) mod pairs;
 pub(crate) mod samples;
-pub(crate) mod sweep;
 pub(crate) mod transfer;
 pub(crate) mod views;
 

@@ -3,7 +3,6 @@
 use tch::{Kind, TchError, Tensor};
 
 use super::FlowStage;
-use crate::correlate::correlation;
 use crate::cost_volume::no_views;
 use crate::manifest::FLOW_SCALES;
 use crate::native::layers::Layers;
@@ -11,9 +10,9 @@ use crate::native::pairs::{self, Pairs, Reduction};
 use crate::native::samples::{self, Points, Sampled, share_of};
 use crate::native::transfer::Transfer;
 use crate::native::views::{self, Views};
-use crate::native::{Level, fetch, in_memory, in_memory_mut};
+use crate::native::{Level, in_memory, in_memory_mut};
 use crate::project::{Outside, PixelGrid, Projection, for_offset, sample};
-use crate::script::{CONTEXT_LEVEL, POSITION_CHANNELS};
+use crate::script::POSITION_CHANNELS;
 use crate::{EncodedView, NetError};
 
 impl FlowStage<'_> {
@@ -25,9 +24,6 @@ impl FlowStage<'_> {
         points: &Tensor,
         layers: Option<&Layers>,
     ) -> Result<Tensor, NetError> {
-        if self.network.kernels_correlate(&self.reference.flow) {
-            return self.native_features(pixel_grid, depth, points);
-        }
         if let Some(layers) = layers {
             let aggregated = self.fetch_natively(layers, pixel_grid, depth)?;
             let rows = Tensor::f_cat(&[aggregated, position_rows(points)?], 1)?;
@@ -48,7 +44,7 @@ impl FlowStage<'_> {
         let reference_grid = pixel_grid.grid(self.reference, device)?;
         let reference = self.fetch_levels(self.reference, &reference_grid, Outside::Border)?; // (1, C, h·w)
         let mut reducer = aggregation.reducer();
-        if !aggregation.relates_pairs() && !aggregation.correlates() {
+        if !aggregation.relates_pairs() {
             reducer.add(&reference.f_expand([hypotheses, -1, -1], false)?, None)?;
         }
         for (index, source) in self.sources.iter().enumerate() {
@@ -59,17 +55,9 @@ impl FlowStage<'_> {
                 continue;
             }
             let mask = self.visibility.get(index).map(|mask| self.mask(mask, &reference_grid)).transpose()?;
-            if aggregation.correlates() {
-                reducer.add(&self.correlations(&reference, &fetched)?, mask.as_ref())?;
-            } else {
-                reducer.add(&fetched, mask.as_ref())?;
-            }
+            reducer.add(&fetched, mask.as_ref())?;
         }
-        let aggregated = reducer.finish()?.ok_or_else(no_views)?;
-        if aggregation.correlates() {
-            return self.with_context(&aggregated, &reference);
-        }
-        Ok(aggregated)
+        reducer.finish()?.ok_or_else(no_views)
     }
 
     /// All levels of a view's features sampled at one grid, joined: (B, C₁ + C₂ + C₃, h·w).
@@ -81,68 +69,6 @@ impl FlowStage<'_> {
         let levels: Vec<Tensor> =
             view.flow.iter().zip(FLOW_SCALES).map(level).collect::<Result<_, TchError>>()?;
         Tensor::f_cat(&levels, 1)?.f_flatten(2, 3)
-    }
-
-    /// vis-corr: the correlations of fetched features (J, C, h·w) with the reference view's (1, C, h·w), level by
-    /// level: (J, G, h·w), with G the number of groups in all levels.
-    fn correlations(&self, reference: &Tensor, fetched: &Tensor) -> Result<Tensor, TchError> {
-        let group = self.network.manifest().group;
-        let widths = self.reference.flow.each_ref().map(|level| level.size()[1]);
-        let level = |index: usize| {
-            let (first, width) = (widths[..index].iter().sum(), widths[index]);
-            correlation(&reference.f_narrow(1, first, width)?, &fetched.f_narrow(1, first, width)?, group)
-        };
-        Tensor::f_cat(&[level(0)?, level(1)?, level(2)?], 1)
-    }
-
-    /// As [`FlowStage::features`], with the native kernels.
-    fn native_features(
-        &self,
-        pixel_grid: &PixelGrid,
-        depth: &Tensor,
-        points: &Tensor,
-    ) -> Result<Tensor, NetError> {
-        let (grid, group) = (pixel_grid.grid(self.reference, depth.device())?, self.network.manifest().group);
-        let reference = self.own_features(pixel_grid)?; // (h·w, C)
-        let masks = self.visibility[..self.sources.len()].iter();
-        let masks = masks.map(|mask| self.mask(mask, &grid)?.f_contiguous());
-        let masks: Vec<Tensor> = masks.collect::<Result<_, TchError>>()?;
-        let sources = self.sources.iter().zip(&masks).map(|(source, mask)| self.native_source(source, mask));
-        let sources: Vec<_> = sources.collect::<Result<_, NetError>>()?;
-        let depth = depth.f_contiguous()?;
-        let about = fetch::Points { pixel_grid, depths: in_memory(&depth)?, reference: &reference, group };
-        let reference = Tensor::f_from_slice(&reference)?
-            .f_view([(pixel_grid.x.len() * pixel_grid.y.len()) as i64, -1])?;
-        let correlated = reference.size()[1] / group as i64;
-        let mut rows = Tensor::f_empty([points.size()[1], correlated], (Kind::Float, tch::Device::Cpu))?;
-        fetch::correlations(&about, &sources, in_memory_mut(&mut rows)?, correlated as usize);
-        self.joined_rows(&rows, &reference, points)
-    }
-
-    /// A source view as the native kernels see it; `mask` is its visibility at the pixels, (h·w).
-    fn native_source<'b>(
-        &self,
-        source: &'b EncodedView,
-        mask: &'b Tensor,
-    ) -> Result<fetch::Source<'b>, NetError> {
-        let [half, quarter, eighth] = &source.flow;
-        Ok(fetch::Source {
-            levels: [Level::of(half)?, Level::of(quarter)?, Level::of(eighth)?],
-            transfer: Transfer::new(self.reference, source, self.planes.range.near),
-            mask: in_memory(mask)?,
-        })
-    }
-
-    /// vis-corr: joins correlations (P, G), the reference view's own features at 1/4, and the positions:
-    /// (1, C'' + 24, P).
-    fn joined_rows(&self, rows: &Tensor, reference: &Tensor, points: &Tensor) -> Result<Tensor, NetError> {
-        let widths = self.reference.flow.each_ref().map(|level| level.size()[1]);
-        let first = widths[..CONTEXT_LEVEL].iter().sum();
-        let context = reference.f_narrow(1, first, widths[CONTEXT_LEVEL])?;
-        let hypotheses = rows.size()[0] / context.size()[0];
-        let context = context.f_unsqueeze(1)?.f_expand([-1, hypotheses, -1], false)?;
-        let context = context.f_reshape([rows.size()[0], -1])?;
-        Ok(Tensor::f_cat(&[rows, &context, &position_rows(points)?], 1)?.f_tr()?.f_unsqueeze(0)?)
     }
 
     /// As [`FlowStage::fetch`], with the native kernels: (h·w·J, C'').
@@ -205,16 +131,6 @@ impl FlowStage<'_> {
     /// The reference view's own features of all levels at the pixels, (h·w, C₁ + C₂ + C₃).
     fn own_features(&self, pixel_grid: &PixelGrid) -> Result<Vec<f32>, NetError> {
         Ok(samples::own_features(pixel_grid, &self.levels(self.reference)?, self.reference.padded))
-    }
-
-    /// vis-corr: joins correlations (J, G, h·w) and the reference view's own features at 1/4 (taken from all its
-    /// fetched features, (1, C, h·w)), because correlations do not tell what a pixel looks like.
-    fn with_context(&self, correlations: &Tensor, reference: &Tensor) -> Result<Tensor, NetError> {
-        let widths = self.reference.flow.each_ref().map(|level| level.size()[1]);
-        let first = widths[..CONTEXT_LEVEL].iter().sum();
-        let context = reference.f_narrow(1, first, widths[CONTEXT_LEVEL])?;
-        let context = context.f_expand([correlations.size()[0], -1, -1], false)?;
-        Ok(Tensor::f_cat(&[correlations, &context], 1)?)
     }
 
     /// A visibility mask sampled at the pixels of the reference view's sampling grid: (1, 1, h·w).
