@@ -89,7 +89,7 @@ impl Geometries {
     /// Inverse depths of those maps that are `wanted`, at image coordinates of the sources' photographs: bilinear on one
     /// surface, else that of the nearest pixel. 0 where there is none, as outside of a map.
     #[inline]
-    fn at(&self, wanted: Views, (u, v): (Four, Four)) -> Four {
+    pub fn at(&self, wanted: Views, (u, v): (Four, Four)) -> Four {
         let [[scale_x, shift_x], [scale_y, shift_y]] = self.to_map;
         let (u, v) = (u * scale_x + shift_x, v * scale_y + shift_y);
         let [width, height] = self.size;

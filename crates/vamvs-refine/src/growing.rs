@@ -117,8 +117,8 @@ fn samples(field: &Field, segments: &Segments, block: usize) -> Vec<(usize, usiz
 
 /// How well a plane matches at a pixel, whatever its seed.
 fn judged(matcher: &Matcher, (x, y): (usize, usize), plane: &Plane) -> Judged {
-    let is_seen = plane.w > 0.0 && matcher.is_seen(x, y, plane);
-    let pixel = is_seen.then(|| matcher.pixel(x, y, plane.w, 0.0)).flatten();
+    let is_inside = plane.w > 0.0 && matcher.is_inside(x, y, plane);
+    let pixel = is_inside.then(|| matcher.pixel(x, y, plane.w, 0.0)).flatten();
     let judged = pixel.map(|pixel| pixel.energy(plane, None));
     let judged = judged.unwrap_or(Judged { energy: WORST, correlation: 0.0, best: 0 });
     Judged { energy: judged.energy.min(WORST), ..judged }

@@ -9,7 +9,7 @@ use crate::luminance::Padded;
 use crate::plane::Plane;
 use crate::seed::Bounds;
 use crate::source::{MOST_SOURCES, Source};
-use crate::transfer::{Four, TOGETHER, Transfers};
+use crate::transfer::{Four, TOGETHER, Transfers, lanes};
 use crate::window::{Window, window};
 
 /// By photographs alone, a plane that is worse by more than this in the views that have matched best so far is not tried in
@@ -18,6 +18,9 @@ const HOPELESS: f32 = 0.01;
 
 /// The same with the sources' own depth maps, where a match by chance is rare.
 const HOPELESS_WITH_DEPTHS: f32 = 0.3;
+
+/// A surface is in front of another if its inverse depth is so many times as large.
+const IN_FRONT: f32 = 1.01;
 
 /// Most groups of source views.
 const MOST_GROUPS: usize = MOST_SOURCES / TOGETHER;
@@ -96,8 +99,23 @@ impl<'a> Matcher<'a> {
         self.groups.iter().map(meeting).sum()
     }
 
+    /// Whether a pixel's plane is inside of any source view, and not hidden there by what that view's own depth map has in front of it.
+    pub fn sees(&self, x: usize, y: usize, plane: &Plane) -> bool {
+        let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
+        self.groups.iter().any(|group| {
+            let rays = group.transfers.rays(x, y);
+            let warps = group.transfers.warps(&rays, plane);
+            let hidden = group.geometries.as_ref().map_or(0, |geometries| {
+                let surface = geometries.at(warps.inside, (warps.u, warps.v));
+                let own = Four::splat(plane.w) / group.transfers.seen(&rays, Four::splat(plane.w))[2];
+                lanes(surface.simd_gt(own * Four::splat(IN_FRONT)))
+            });
+            warps.inside & !hidden != 0
+        })
+    }
+
     /// Whether a pixel's plane is inside of any source view.
-    pub fn is_seen(&self, x: usize, y: usize, plane: &Plane) -> bool {
+    pub fn is_inside(&self, x: usize, y: usize, plane: &Plane) -> bool {
         let (x, y) = (x as f32 + 0.5, y as f32 + 0.5);
         let inside = |group: &Group| group.transfers.warps(&group.transfers.rays(x, y), plane).inside;
         self.groups.iter().any(|group| inside(group) != 0)

@@ -150,8 +150,7 @@ fn pixel(
     };
     let intrinsics = &camera.intrinsics;
     let normal = plane.normal(intrinsics, x as f64 + 0.5, y as f64 + 0.5);
-    // Of what no source view sees, a depth is a guess.
-    let confidence = if matcher.is_seen(x, y, &plane) { confidence::of(&features) } else { 0.0 };
+    let confidence = confidence::of(&features);
     let matched = variance_of(state.variance, pixel.step).sqrt() as f32 / (plane.w * plane.w);
     let depth = 1.0 / plane.w;
     let doubtful = DOUBT * (1.0 - confidence) * depth;

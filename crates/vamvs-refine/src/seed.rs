@@ -201,7 +201,7 @@ fn slope(before: Option<f32>, own: f32, after: Option<f32>) -> f32 {
 
 /// Gives each pixel without depth the inverse depth of a nearest pixel that has one (city-block distance), in a
 /// forward and a backward pass over the image.
-pub(crate) fn fill(w: &mut Grid<f32>) {
+fn fill(w: &mut Grid<f32>) {
     let Size { width, height } = w.size();
     let mut distance = w.map(|&w| if w > 0.0 { 0_u32 } else { u32::MAX });
     let mut take = |to: (usize, usize), from: Option<(usize, usize)>| {
