@@ -244,10 +244,10 @@ impl Samples {
         let [wa, wb, wc, wd] = std::array::from_fn(|corner| self.weights[corner][at]);
         let [a, b, c, d] = std::array::from_fn(|corner| &features[self.corners[corner][at] as usize]);
         for first in (0..CHANNELS).step_by(GROUPS) {
-            for g in 0..GROUPS {
+            for (g, sum) in sums.iter_mut().enumerate() {
                 let k = first + g;
                 let sampled = wd.mul_add(d[k], wc.mul_add(c[k], wb.mul_add(b[k], wa * a[k])));
-                sums[g] = sampled.mul_add(reference[k], sums[g]);
+                *sum = sampled.mul_add(reference[k], *sum);
             }
         }
     }

@@ -136,7 +136,7 @@ pub struct SweepInputs<'a> {
 pub fn sweep(inputs: &SweepInputs<'_>, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
     let sweep = Sweep::new(inputs)?;
     if inputs.network.manifest().aggregation.correlates() {
-        return sweep.correlate(seen);
+        return sweep.correlate(seen.as_deref());
     }
     let visibility = sweep.masks(seen)?;
     Ok(CostVolume { volume: sweep.volume(&visibility)?, visibility })
@@ -240,12 +240,12 @@ impl Sweep<'_> {
 
     /// vis-corr: the mean over the source views of their correlations with the reference view, weighted by their
     /// visibility.
-    fn correlate(&self, seen: Option<Vec<Tensor>>) -> Result<CostVolume, NetError> {
+    fn correlate(&self, seen: Option<&[Tensor]>) -> Result<CostVolume, NetError> {
         let mut reducer = self.network.manifest().aggregation.reducer();
         let mut visibility = Vec::with_capacity(self.sources.len());
         for (index, (source, projection)) in self.sources.iter().enumerate() {
             let correlation = self.correlation(source, projection)?; // (D, G, h, w)
-            let mask = match &seen {
+            let mask = match seen {
                 Some(seen) => seen[index].shallow_clone(),
                 None => self.network.visibility(&pooled(&correlation)?)?,
             };
