@@ -59,7 +59,7 @@ def check_flags(parser: argparse.ArgumentParser, arguments: argparse.Namespace) 
     if arguments.network == "photometric":
         ignored = (*of_paper, "norm", "feature_stride", "cascade")
     elif arguments.network == "vis-corr":
-        ignored = of_paper
+        ignored = (*of_paper, "flow_like")
     else:
         ignored = ("feature_stride", "cascade")
         ignored += () if arguments.network == "vis-var" else ("no_plane_depth",)

@@ -18,6 +18,7 @@ pub use network::NetworkMethod;
 pub use vis_corr::VisCorr;
 
 use crate::fit::MethodMemory;
+use crate::memory::KeptMemory;
 use crate::output::ConfidenceKind;
 use crate::{DepthOptions, MemoryLimit, Quality, VamvsError, ViewPlan, weights};
 
@@ -311,6 +312,12 @@ impl Method {
             }
             Self::VisCorr(_) | Self::PlaneSweep => false,
         }
+    }
+
+    /// Keeps freed memory while depth maps are made, if that pays: vis-corr needs blocks of the same sizes for each. libtorch's tensors have
+    /// many sizes, with which peaks would grow by a fifth, and a plane sweep is not faster for it.
+    pub(crate) fn keep_memory(&self) -> Option<KeptMemory> {
+        matches!(self, Self::VisCorr(_)).then(KeptMemory::new)
     }
 
     /// A clock that measures this method.

@@ -40,8 +40,7 @@ pub(super) struct Maker<'a> {
     pub ceiling: Ceiling,
     /// Views whose photographs cannot be used, with the reason.
     unusable: BTreeMap<usize, String>,
-    /// Depth maps need blocks of the same sizes again and again.
-    _kept: KeptMemory,
+    _kept: Option<KeptMemory>,
 }
 
 /// A view's depth maps, the coarsest first, and what they were made of.
@@ -146,7 +145,7 @@ impl<'a> Maker<'a> {
             clock: work.method.clock(),
             ceiling: Ceiling::new(limit, for_maps),
             unusable: BTreeMap::new(),
-            _kept: KeptMemory::new(),
+            _kept: work.method.keep_memory(),
         }
     }
 

@@ -64,7 +64,6 @@ impl<'a> Run<'a> {
     }
 
     pub fn views(mut self, on_event: &mut OnEvent<'_>) -> Result<RefineSummary, VamvsError> {
-        let _kept = memory::KeptMemory::new();
         let names: Vec<&str> = self.job.maps.names().iter().map(String::as_str).collect();
         self.job.output.expect_apart(self.job.photographs.folder())?;
         self.job.output.expect_apart([self.job.maps.root().join("images").as_path()])?;
