@@ -1,5 +1,6 @@
 //! GPUs: which there are, and one of them, opened.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -9,6 +10,7 @@ use wgpu::{Backends, Device, DeviceType, ErrorFilter, PollType};
 
 use crate::GpuError;
 use crate::kernels::Kernels;
+use crate::matching_kernels::MatchingKernels;
 
 /// A GPU of this machine, or a program that does what one does.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -79,6 +81,8 @@ pub struct Gpu {
     pub(crate) kernels: Kernels,
     lost: Arc<Mutex<Option<String>>>,
     operations: AtomicU64,
+    /// The kernels of refinement, by the number of views that a correlation is the mean over.
+    pub(crate) matching: Mutex<BTreeMap<usize, Arc<MatchingKernels>>>,
 }
 
 impl fmt::Debug for Gpu {
@@ -127,7 +131,15 @@ impl Gpu {
         });
         let (kernels, problem) = watched(&device, &adapter.name, || Kernels::new(&device));
         problem?;
-        Ok(Self { adapter, device, queue, kernels, lost, operations: AtomicU64::new(0) })
+        Ok(Self {
+            adapter,
+            device,
+            queue,
+            kernels,
+            lost,
+            operations: AtomicU64::new(0),
+            matching: Mutex::default(),
+        })
     }
 
     /// What it is.

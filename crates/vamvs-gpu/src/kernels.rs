@@ -44,30 +44,15 @@ pub struct Kernels {
 }
 
 /// Invocations in a group of kernels over images, and of those over pixels in a row.
-const IMAGE: [u32; 2] = [8, 8];
+pub const IMAGE: [u32; 2] = [8, 8];
 const ROW: [u32; 2] = [64, 1];
 
 impl Kernels {
     pub fn new(device: &wgpu::Device) -> Self {
-        let kernel = |name: &str, source: String, group| {
-            let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-                label: Some(name),
-                source: wgpu::ShaderSource::Wgsl(source.into()),
-            });
-            let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(name),
-                layout: None,
-                module: &module,
-                entry_point: Some("main"),
-                compilation_options: Default::default(),
-                cache: None,
-            });
-            Kernel { pipeline, group }
-        };
         let mut sources = sources().into_iter();
         let mut next = |group| {
             let (name, source) = sources.next().expect("a source for each kernel");
-            kernel(name, source, group)
+            kernel(device, name, source, group)
         };
         Self {
             narrow: next(IMAGE),
@@ -86,6 +71,23 @@ impl Kernels {
             evidence: next(ROW),
         }
     }
+}
+
+/// A kernel from its source.
+pub fn kernel(device: &wgpu::Device, name: &str, source: String, group: [u32; 2]) -> Kernel {
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(name),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
+    });
+    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(name),
+        layout: None,
+        module: &module,
+        entry_point: Some("main"),
+        compilation_options: Default::default(),
+        cache: None,
+    });
+    Kernel { pipeline, group }
 }
 
 /// Names and sources in the order of [`Kernels`].
@@ -112,12 +114,12 @@ fn sources() -> [(&'static str, String); 14] {
 }
 
 /// A number as WGSL has it.
-fn literal(value: f32) -> String {
+pub fn literal(value: f32) -> String {
     format!("{value:?}f")
 }
 
 /// The source with each name between braces replaced.
-fn filled(source: &str, names: &[(&str, String)]) -> String {
+pub fn filled(source: &str, names: &[(&str, String)]) -> String {
     names.iter().fold(source.to_owned(), |text, (name, value)| text.replace(&format!("{{{name}}}"), value))
 }
 
@@ -172,7 +174,8 @@ mod tests {
 
     #[test]
     fn all_kernels_are_valid() {
-        for (name, source) in super::sources() {
+        let matching = [1, 2, 16].into_iter().flat_map(crate::matching_kernels::sources);
+        for (name, source) in super::sources().into_iter().chain(matching) {
             let module = wgsl::parse_str(&source)
                 .unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(&source)));
             let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);

@@ -17,6 +17,8 @@ mod error;
 mod kernels;
 mod layer;
 mod map;
+mod matching;
+mod matching_kernels;
 mod network;
 mod photograph;
 mod pyramid;

@@ -46,6 +46,11 @@ impl Words {
         self
     }
 
+    /// All of them.
+    pub fn all(self) -> Vec<u32> {
+        self.0
+    }
+
     pub fn numbers(self, values: &[f32]) -> Self {
         values.iter().fold(self, |words, value| words.number(*value))
     }
@@ -92,9 +97,14 @@ impl<'a> Recorder<'a> {
         pass.dispatch_workgroups(across, down, z as u32);
     }
 
-    /// Counts operations that were recorded.
+    /// Counts operations of convolutions that were recorded.
     pub fn count(&mut self, operations: u64) {
         self.gpu.count(operations);
+        self.limit(operations);
+    }
+
+    /// Gives the device what was recorded where it becomes much.
+    pub fn limit(&mut self, operations: u64) {
         self.operations += operations;
         if self.operations >= MOST_OPERATIONS {
             self.submit();

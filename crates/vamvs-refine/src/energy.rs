@@ -14,10 +14,10 @@ use crate::transfer::{TOGETHER, Views, indices, of_group};
 pub(crate) const IMPOSSIBLE: f32 = f32::INFINITY;
 
 /// The steepest plane, pixels of disparity per pixel.
-const STEEPEST: f32 = 1.2;
+pub(crate) const STEEPEST: f32 = 1.2;
 
 /// A view whose correlation is less than that of the best ones by no more than this tells something of the depth.
-const MATCHING: f32 = 0.3;
+pub(crate) const MATCHING: f32 = 0.3;
 
 /// The sum of the normal equations of several source views.
 #[derive(Clone, Copy, Debug, Default)]

@@ -3,10 +3,11 @@
 use vamvs_core::depth_map::is_valid;
 use vamvs_core::{DepthMap, Grid, Pinhole, Pose, Size};
 
+use crate::matching::SourceDepths;
 use crate::transfer::{Four, TOGETHER, Transfer, Transfers, Views, indices, lanes};
 
 /// Neighbouring inverse depths belong to two surfaces if they differ by more than this share.
-const JUMP: f32 = 0.02;
+pub(crate) const JUMP: f32 = 0.02;
 
 /// A source's depth map, with the projection back to the reference view.
 pub(crate) struct Geometry {
@@ -84,6 +85,16 @@ impl Geometries {
             to_map: to_map.map(|numbers| numbers.map(Four::new)),
             to_reference: Transfers::new(to_reference.iter().map(|transfer| (transfer, Size::new(0, 0)))),
         }
+    }
+
+    /// One of the maps.
+    pub fn of(&self, view: usize) -> Option<SourceDepths<'_>> {
+        let of = |value: &Four| value.as_array()[view];
+        Some(SourceDepths {
+            inverse: self.inverse[view].as_ref()?,
+            to_map: self.to_map.each_ref().map(|numbers| numbers.each_ref().map(of)),
+            back: self.to_reference.projection(view),
+        })
     }
 
     /// Inverse depths of those maps that are `wanted`, at image coordinates of the sources' photographs: bilinear on one

@@ -177,8 +177,13 @@ mod tests {
     fn grown(patch: f32, around: f32) -> impl Fn(usize, usize) -> f32 {
         let (reference, sources) = (photo(0.0), [photo(0.3), photo(-0.3)]);
         let (options, sources) = (RefineOptions::default(), [&sources[0], &sources[1]]);
-        let problem =
-            Problem { reference: &reference, sources: &sources, visibility: &[], options: &options };
+        let problem = Problem {
+            reference: &reference,
+            sources: &sources,
+            visibility: &[],
+            options: &options,
+            device: None,
+        };
         let matcher = solve::matcher(&problem, 0);
         let (wall, step) = (1.0 / DEPTH as f32, matcher.step(60, 48, 1.0 / DEPTH as f32));
         let mut field = Field::new(SIZE, |x, y| {

@@ -25,6 +25,7 @@ mod growing;
 mod isa;
 mod luminance;
 mod matcher;
+pub mod matching;
 mod options;
 mod planar_prior;
 mod plane;
@@ -57,9 +58,8 @@ pub use source::MOST_SOURCES;
 use field::{Field, State};
 use geometry::Geometry;
 use matcher::Matcher;
+use matching::{Begin, Device};
 use plane::Plane;
-use seed::Bounds;
-use sweep::sweep_from;
 
 /// What refining takes for each pixel that is refined at once, bytes: planes, and images of the reference view and its
 /// sources.
@@ -81,6 +81,8 @@ pub(crate) struct Problem<'a> {
     pub sources: &'a [&'a Photo],
     pub visibility: &'a [Grid<f32>],
     pub options: &'a RefineOptions,
+    /// What matches planes in place of the processor.
+    pub device: Option<&'a dyn matching::Device>,
 }
 
 /// Why a depth map cannot be refined.
@@ -126,6 +128,9 @@ pub enum RefineError {
         /// Its size.
         found: Size,
     },
+    /// A device fails that matches planes.
+    #[error(transparent)]
+    Device(#[from] matching::DeviceError),
 }
 
 /// Refines a depth map to the size of the reference photograph, or to a half or a quarter of it
@@ -144,6 +149,20 @@ pub fn refine(
     visibility: &[Grid<f32>],
     options: &RefineOptions,
 ) -> Result<Refined, RefineError> {
+    refine_on(None, reference, sources, (seed, visibility), options)
+}
+
+/// As [`refine`], with planes matched by a device, if there is one.
+///
+/// # Errors
+/// As [`refine`], and if the device fails.
+pub fn refine_on(
+    device: Option<&dyn Device>,
+    reference: &Photo,
+    sources: &[&Photo],
+    (seed, visibility): (&DepthMap, &[Grid<f32>]),
+    options: &RefineOptions,
+) -> Result<Refined, RefineError> {
     let sources = &sources[..sources.len().min(MOST_SOURCES)];
     options.validate()?;
     check(reference, sources)?;
@@ -154,14 +173,14 @@ pub fn refine(
     }
     visibility.iter().take(sources.len()).try_for_each(|grid| check_not_empty(grid.size()))?;
     if !tiles::are_needed(reference.image.size(), options) {
-        return Ok(refined_whole(&Problem { reference, sources, visibility, options }, seed));
+        return refined_whole(&Problem { reference, sources, visibility, options, device }, seed);
     }
     tiles::refined((reference, sources), seed, (options, solve::last_level(options)), |tile| {
         let visible = |grid| tile.part_of(grid, reference.image.size());
         let visibility: Vec<Grid<f32>> = visibility.iter().take(sources.len()).map(visible).collect();
         let sources: Vec<&Photo> = tile.sources.iter().collect();
         let (reference, visibility) = (&tile.reference, &visibility);
-        Ok(refined_whole(&Problem { reference, sources: &sources, visibility, options }, seed))
+        refined_whole(&Problem { reference, sources: &sources, visibility, options, device }, seed)
     })
 }
 
@@ -172,9 +191,9 @@ pub fn peak_bytes(photograph: Size, options: &RefineOptions) -> u64 {
 }
 
 /// [`refine`] in one piece.
-fn refined_whole(problem: &Problem<'_>, seed: &DepthMap) -> Refined {
+fn refined_whole(problem: &Problem<'_>, seed: &DepthMap) -> Result<Refined, RefineError> {
     let (reference, options) = (problem.reference, problem.options);
-    let (mut field, guesses, matcher) = solve::solve(problem, seed);
+    let (mut field, guesses, matcher) = solve::solve(problem, seed)?;
     let ratio = (matcher.image.size.width / guesses.width().max(1)).max(1);
     let seed = |x: usize, y: usize| {
         let cell = ((x / ratio).min(guesses.width() - 1), (y / ratio).min(guesses.height() - 1));
@@ -184,7 +203,7 @@ fn refined_whole(problem: &Problem<'_>, seed: &DepthMap) -> Refined {
     };
     finish(&mut field, &matcher, seed);
     let camera = source::reduced(&reference.camera, solve::last_level(options));
-    refined::refined((camera, reference.cam_from_world), &field, &matcher, seed)
+    Ok(refined::refined((camera, reference.cam_from_world), &field, &matcher, seed))
 }
 
 /// Refines a result of [`refine`] once more, to the size of the photograph, with depth maps of the source views
@@ -198,6 +217,20 @@ pub fn refine_geometric(
     sources: &[&Photo],
     first: &Surface<'_>,
     depths: &[Option<&DepthMap>],
+    options: &RefineOptions,
+) -> Result<Refined, RefineError> {
+    refine_geometric_on(None, reference, sources, (first, depths), options)
+}
+
+/// As [`refine_geometric`], with planes matched by a device, if there is one.
+///
+/// # Errors
+/// As [`refine_geometric`], and if the device fails.
+pub fn refine_geometric_on(
+    device: Option<&dyn Device>,
+    reference: &Photo,
+    sources: &[&Photo],
+    (first, depths): (&Surface<'_>, &[Option<&DepthMap>]),
     options: &RefineOptions,
 ) -> Result<Refined, RefineError> {
     let sources = &sources[..sources.len().min(MOST_SOURCES)];
@@ -216,9 +249,9 @@ pub fn refine_geometric(
     }
     let of_sources = depths.iter().take(sources.len()).flatten();
     of_sources.into_iter().try_for_each(|map| check_map(["source's camera", "source's confidence"], map))?;
-    let problem = Problem { reference, sources, visibility: &[], options };
+    let problem = Problem { reference, sources, visibility: &[], options, device };
     if !tiles::are_needed(whole, options) {
-        return Ok(refined_again(&problem, first, depths));
+        return refined_again(&problem, first, depths);
     }
     tiles::refined((reference, sources), first.map, (options, 0), |tile| {
         let part = tile.outer.reduced(if is_half { 2 } else { 1 });
@@ -227,13 +260,18 @@ pub fn refine_geometric(
         let of_source = |(source, map): (usize, &Option<&DepthMap>)| map.map(|map| tile.map_of(source, map));
         let maps: Vec<Option<DepthMap>> = depths[..sources.len()].iter().enumerate().map(of_source).collect();
         let maps: Vec<Option<&DepthMap>> = maps.iter().map(Option::as_ref).collect();
-        let problem = Problem { reference: &tile.reference, sources: &sources, visibility: &[], options };
-        Ok(refined_again(&problem, &Surface { map: &map, normals: &normals }, &maps))
+        let problem =
+            Problem { reference: &tile.reference, sources: &sources, visibility: &[], options, device };
+        refined_again(&problem, &Surface { map: &map, normals: &normals }, &maps)
     })
 }
 
 /// [`refine_geometric`] in one piece.
-fn refined_again(problem: &Problem<'_>, first: &Surface<'_>, depths: &[Option<&DepthMap>]) -> Refined {
+fn refined_again(
+    problem: &Problem<'_>,
+    first: &Surface<'_>,
+    depths: &[Option<&DepthMap>],
+) -> Result<Refined, RefineError> {
     let (reference, found) = (problem.reference, first.map.depth.size());
     let is_half = found != reference.camera.size;
     let here = (&reference.camera, &reference.cam_from_world);
@@ -245,19 +283,14 @@ fn refined_again(problem: &Problem<'_>, first: &Surface<'_>, depths: &[Option<&D
     let own = |x: usize, y: usize| {
         if is_half { solve::parent(&planes, x, y).0 } else { planes.at(x, y).plane }
     };
-    let bounds = |_: usize, _: usize, _: f32| Bounds::NONE;
-    let mut field = if is_half {
-        solve::enlarged(&planes, &matcher, bounds)
-    } else {
-        sweep_from(&matcher, (own, bounds), |_, _, _| ())
-    };
+    let mut field = matching::planes(&matcher, Begin::Planes(&planes, None), problem.device)?;
     let ratio = if is_half { 2 } else { 1 };
     let inside = |at: usize, count: usize| (at / ratio).min(count - 1);
     let confidence =
         |x: usize, y: usize| first.map.confidence[(inside(x, found.width), inside(y, found.height))];
     let seed = |x: usize, y: usize| (own(x, y), confidence(x, y));
     finish(&mut field, &matcher, seed);
-    refined::refined((reference.camera, reference.cam_from_world), &field, &matcher, seed)
+    Ok(refined::refined((reference.camera, reference.cam_from_world), &field, &matcher, seed))
 }
 
 fn check(reference: &Photo, sources: &[&Photo]) -> Result<(), RefineError> {

@@ -36,7 +36,7 @@ pub fn plane_sweep(
         return Err(RefineError::Option { name: "planes", expected: "at least 2", found });
     }
     check(reference, sources)?;
-    let problem = Problem { reference, sources, visibility: &[], options };
+    let problem = Problem { reference, sources, visibility: &[], options, device: None };
     let matcher = solve::matcher(&problem, LEVEL);
     let costs = correlated(&matcher, planes);
     let sums = aggregated(&costs, &matcher.image);

@@ -5,11 +5,12 @@ use vamvs_core::{DepthMap, Grid, Photo, Pinhole};
 use crate::field::{Field, State};
 use crate::luminance::{self, Padded};
 use crate::matcher::{Matcher, Pixel};
+use crate::matching::{self, Begin, Near};
 use crate::plane::Plane;
 use crate::seed::{Bounds, Guess, Seed};
 use crate::source::{Source, reduced};
 use crate::sweep::{consider, sweep, sweep_from};
-use crate::{Problem, RefineOptions};
+use crate::{Problem, RefineError, RefineOptions};
 
 /// Most halvings of the photograph.
 const MOST_LEVELS: usize = 2;
@@ -19,7 +20,7 @@ const AT_FIRST: f32 = 0.25;
 
 /// When planes are enlarged, a neighbour's plane is tried if it is farther from the pixel's own than this, pixels
 /// of disparity.
-const APART: f32 = 1.0;
+pub(crate) const APART: f32 = 1.0;
 
 /// The matcher of a problem, with photographs at 1/2^level of their size.
 pub(crate) fn matcher<'a>(problem: &Problem<'a>, level: usize) -> Matcher<'a> {
@@ -35,26 +36,54 @@ pub(crate) fn matcher<'a>(problem: &Problem<'a>, level: usize) -> Matcher<'a> {
 }
 
 /// The planes at the last resolution, the upsampled seed at the first one, and the matcher of the last one.
-pub(crate) fn solve<'a>(problem: &Problem<'a>, seed: &DepthMap) -> (Field, Grid<Guess>, Matcher<'a>) {
+pub(crate) fn solve<'a>(
+    problem: &Problem<'a>,
+    seed: &DepthMap,
+) -> Result<(Field, Grid<Guess>, Matcher<'a>), RefineError> {
     let last = last_level(problem.options);
     let first = first_level(&problem.reference.camera, seed).max(last);
     let matcher = self::matcher(problem, first);
     let guesses = Seed::new(seed).guesses(&matcher.image, &reduced(&problem.reference.camera, first));
     let beyond = |level: usize| if level == first { AT_FIRST } else { 1.0 } * problem.options.beyond;
-    let mut field = search(&matcher, &guesses, beyond(first));
-    for _ in 0..problem.options.sweeps {
-        sweep(&mut field, |x, y, w| near_seed(&matcher, &guesses, (x, y, w), beyond(first)));
-    }
+    let near = |level: usize| Near { guesses: &guesses, halvings: first - level, beyond: beyond(level) };
+    let mut field =
+        matching::planes(&matcher, Begin::Seed(near(first), problem.options.sweeps), problem.device)?;
     let mut matcher = matcher;
     for level in (last..first).rev() {
         matcher = self::matcher(problem, level);
-        let guess = |x: usize, y: usize| {
-            let inside = |at: usize, count: usize| (at >> (first - level)).min(count - 1);
-            &guesses[(inside(x, guesses.width()), inside(y, guesses.height()))]
-        };
-        field = enlarged(&field, &matcher, |x, y, step| guess(x, y).bounds(beyond(level) * step));
+        field = matching::planes(&matcher, Begin::Planes(&field, Some(near(level))), problem.device)?;
     }
-    (field, guesses, matcher)
+    Ok((field, guesses, matcher))
+}
+
+/// The planes of all pixels by the processor.
+pub(crate) fn planes(matcher: &Matcher<'_>, begin: Begin<'_>) -> Field {
+    match begin {
+        Begin::Seed(Near { guesses, beyond, .. }, sweeps) => {
+            let mut field = search(matcher, guesses, beyond);
+            for _ in 0..sweeps {
+                sweep(&mut field, |x, y, w| near_seed(matcher, guesses, (x, y, w), beyond));
+            }
+            field
+        }
+        Begin::Planes(field, near) => {
+            let bounds =
+                |x: usize, y: usize, step: f32| near.map_or(Bounds::NONE, |near| near.bounds(x, y, step));
+            if field.size() == matcher.image.size {
+                return sweep_from(matcher, (|x, y| field.at(x, y).plane, bounds), |_, _, _| ());
+            }
+            enlarged(field, matcher, bounds)
+        }
+    }
+}
+
+impl Near<'_> {
+    /// The bounds of a pixel, given its [`Pixel::step`].
+    fn bounds(&self, x: usize, y: usize, step: f32) -> Bounds {
+        let inside = |at: usize, count: usize| (at >> self.halvings).min(count - 1);
+        let place = (inside(x, self.guesses.width()), inside(y, self.guesses.height()));
+        self.guesses[place].bounds(self.beyond * step)
+    }
 }
 
 /// The level (number of halvings) of the result.
@@ -112,11 +141,7 @@ pub(crate) fn parent(coarse: &Field, x: usize, y: usize) -> (Plane, (usize, usiz
 
 /// The planes at twice the resolution: each pixel begins with the best plane of the four nearest coarse pixels.
 /// `bounds` are those of a pixel, given its [`Pixel::step`].
-pub(crate) fn enlarged(
-    coarse: &Field,
-    matcher: &Matcher,
-    bounds: impl Fn(usize, usize, f32) -> Bounds + Sync,
-) -> Field {
+fn enlarged(coarse: &Field, matcher: &Matcher, bounds: impl Fn(usize, usize, f32) -> Bounds + Sync) -> Field {
     let size = coarse.size();
     let own = |x: usize, y: usize| parent(coarse, x, y).0;
     sweep_from(matcher, (own, bounds), |pixel, (x, y), state| {

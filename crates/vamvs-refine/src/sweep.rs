@@ -10,7 +10,7 @@ use crate::seed::Bounds;
 use crate::source::MOST_SOURCES;
 
 /// The neighbours that propagate their planes, by direction. All of them have the other colour of the checkerboard.
-const DIRECTIONS: [[(i32, i32); 4]; 4] = [
+pub const DIRECTIONS: [[(i32, i32); 4]; 4] = [
     [(1, 0), (2, 1), (2, -1), (5, 0)],
     [(-1, 0), (-2, 1), (-2, -1), (-5, 0)],
     [(0, 1), (1, 2), (-1, 2), (0, 5)],
@@ -18,40 +18,40 @@ const DIRECTIONS: [[(i32, i32); 4]; 4] = [
 ];
 
 /// The adjacent pixels. All of them have the other colour.
-const ADJACENT: [(i32, i32); 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
+pub const ADJACENT: [(i32, i32); 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
 
 /// Adjacent planes agree if their inverse depths at the pixel between them differ by less than this, pixels of disparity.
-const AGREE: f32 = 1.0;
+pub(crate) const AGREE: f32 = 1.0;
 
 /// The pixel's own plane agrees with their mean if it is nearer than this, pixels of disparity.
-const NEAR: f32 = 3.0;
+pub(crate) const NEAR: f32 = 3.0;
 
 /// A neighbour's plane is tried if it differs from the pixel's own by more than this over the window, pixels of disparity.
 /// Nearer ones would be the same surface with other noise.
-const OTHER: f32 = 3.0;
+pub(crate) const OTHER: f32 = 3.0;
 
 /// A source view's depth is tried if it is farther from the pixel's own than this, and from those that were tried, pixels of
 /// disparity.
-const DISTINCT: f32 = 0.3;
+pub(crate) const DISTINCT: f32 = 0.3;
 
 /// The radius of the window, pixels.
-const RADIUS: f32 = 5.0;
+pub(crate) const RADIUS: f32 = 5.0;
 
 /// A Gauss–Newton step that is shorter than this over the window, pixels of disparity, is taken without evaluating its
 /// energy, and settles the plane.
-const SHORT: f32 = 0.1;
+pub(crate) const SHORT: f32 = 0.1;
 
 /// The longest Gauss–Newton step: of depth, in pixels of disparity, and of the slopes, in pixels of disparity per
 /// pixel.
-const LONGEST: [f32; 2] = [1.0, 0.2];
+pub(crate) const LONGEST: [f32; 2] = [1.0, 0.2];
 
 /// The variance of a depth that is fitted to one texel with this residual variance is this share of it: a window has many
 /// texels, of which some are independent. Fitted to rendered scenes, after planes are smoothed.
-const INDEPENDENT: f32 = 0.05;
+pub(crate) const INDEPENDENT: f32 = 0.05;
 
 /// Damping of depth and of the slopes, relative to the squared noise: it shortens the steps where there is little
 /// texture.
-const DAMPING: [f32; 2] = [0.1, 4.0];
+pub(crate) const DAMPING: [f32; 2] = [0.1, 4.0];
 
 /// Improves all planes, those of one colour after those of the other. `pixel(x, y, w)` gives a pixel around inverse depth
 /// `w`. Planes that have settled are left alone unless another plane replaces them.

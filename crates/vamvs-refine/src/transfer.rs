@@ -4,6 +4,7 @@ use vamvs_core::homography::PixelTransfer;
 use vamvs_core::{Pinhole, Pose, Size};
 use wide::f32x4;
 
+use crate::matching::Projection;
 use crate::plane::Plane;
 
 /// [`PixelTransfer`] in single precision and for inverse depth: the reference pixel p at inverse depth w projects to
@@ -36,6 +37,10 @@ impl Transfer {
         let linear = transfer.linear.cast::<f32>();
         let row = |r: usize| [linear[(r, 0)], linear[(r, 1)], linear[(r, 2)]];
         Self { linear: [row(0), row(1), row(2)], offset: transfer.offset.cast::<f32>().into() }
+    }
+
+    pub fn projection(&self) -> Projection {
+        Projection { linear: self.linear, offset: self.offset }
     }
 }
 
@@ -129,6 +134,15 @@ impl Transfers {
             set(&mut all.size[1], view, size.height as f32);
         }
         all
+    }
+
+    /// The transfer to one of the views.
+    pub fn projection(&self, view: usize) -> Projection {
+        let of = |value: &Four| value.as_array()[view];
+        Projection {
+            linear: self.linear.each_ref().map(|row| row.each_ref().map(of)),
+            offset: self.offset.each_ref().map(of),
+        }
     }
 
     /// `linear · (x, y, 1)` for each view.

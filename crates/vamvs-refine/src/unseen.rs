@@ -127,8 +127,13 @@ mod tests {
     ) -> impl Fn(usize, usize) -> f32 {
         let (reference, source) = (photo(0.0), photo(0.8));
         let options = RefineOptions::default();
-        let problem =
-            Problem { reference: &reference, sources: &[&source], visibility: &[], options: &options };
+        let problem = Problem {
+            reference: &reference,
+            sources: &[&source],
+            visibility: &[],
+            options: &options,
+            device: None,
+        };
         let geometry = |depth: fn(usize) -> f32| {
             let map = DepthMap {
                 camera: CAMERA,

@@ -16,7 +16,7 @@ pub(crate) type Texels = [f32; TEXELS];
 pub(crate) const OFFSETS: ([f32; TEXELS], [f32; TEXELS]) = offsets();
 
 /// The weights by distance alone, approximately Gaussian.
-const NEARNESS: Texels = nearness();
+const NEARNESS: Texels = all_nearness();
 
 const fn offsets() -> ([f32; TEXELS], [f32; TEXELS]) {
     let (mut dx, mut dy) = ([0.0; TEXELS], [0.0; TEXELS]);
@@ -34,16 +34,20 @@ const fn offsets() -> ([f32; TEXELS], [f32; TEXELS]) {
     (dx, dy)
 }
 
-const fn nearness() -> Texels {
+const fn all_nearness() -> Texels {
     let (mut weights, mut texel) = ([0.0; TEXELS], 0);
     while texel < TEXELS {
-        let (dx, dy) = (OFFSETS.0[texel], OFFSETS.1[texel]);
-        // 1 / (1 + t + t²/2 + t³/6) ≈ exp(−t), with t = distance² / (2 · 4.5²).
-        let t = (dx * dx + dy * dy) / 40.5;
-        weights[texel] = 1.0 / (1.0 + t + t * t / 2.0 + t * t * t / 6.0);
+        weights[texel] = nearness(OFFSETS.0[texel], OFFSETS.1[texel]);
         texel += 1;
     }
     weights
+}
+
+/// The weight of a texel by its offset alone.
+pub(crate) const fn nearness(dx: f32, dy: f32) -> f32 {
+    // 1 / (1 + t + t²/2 + t³/6) ≈ exp(−t), with t = distance² / (2 · 4.5²).
+    let t = (dx * dx + dy * dy) / 40.5;
+    1.0 / (1.0 + t + t * t / 2.0 + t * t * t / 6.0)
 }
 
 /// The weights and statistics of a reference window.
