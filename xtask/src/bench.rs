@@ -30,7 +30,7 @@ const SIZES: [[&str; 4]; 2] = [["640", "512", "5", "48"], ["1280", "960", "5", "
 /// Sets up libtorch first, if there is none.
 #[derive(Args)]
 pub struct Bench {
-    /// Measure the default network on this GPU, and nothing else but the same on the processor: its number in `vamvs info device`.
+    /// Measure the default network and refinement on this GPU, and nothing else but the network on the processor: its number in `vamvs info device`.
     #[arg(long, value_name = "GPU", value_parser = gpu_number)]
     device: Option<usize>,
 }
@@ -113,16 +113,16 @@ fn rows(output: &str) -> Vec<(String, String)> {
 
 /// Prints the times of a network's stages, one column a size.
 fn print_table(module: &str, profiles: &[Vec<(String, String)>]) {
-    print!("\n{module}\n{:12}", "");
+    print!("\n{module}\n{:15}", "");
     for [width, height, views, planes] in SIZES {
-        print!("{:>34}", format!("{width}×{height}, {views} views, {planes} planes"));
+        print!("{:>36}", format!("{width}×{height}, {views} views, {planes} planes"));
     }
     println!();
     let stages = profiles.first().map_or(0, Vec::len);
     for stage in 0..stages {
-        print!("{:12}", profiles[0][stage].0);
+        print!("{:15}", profiles[0][stage].0);
         for profile in profiles {
-            print!("{:>34}", profile.get(stage).map_or("", |(_, value)| value));
+            print!("{:>36}", profile.get(stage).map_or("", |(_, value)| value));
         }
         println!();
     }

@@ -1,11 +1,17 @@
-//! Time of a depth map on a GPU by stage, with the speed of the convolutions, on photographs of a pattern:
-//! `cargo run --release -p vamvs-gpu --example stages -- WEIGHTS.safetensors WIDTH HEIGHT VIEWS PLANES GPU`, with the number of the GPU.
+//! Time of a depth map on a GPU by stage, with the speed of the convolutions, and of both passes of refinement, on photographs of a
+//! wall with a pattern: `cargo run --release -p vamvs-gpu --example gpu_stages -- WEIGHTS.safetensors WIDTH HEIGHT VIEWS PLANES GPU`, with the number of the GPU.
 
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use vamvs_core::{DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Pose, Size, Spacing};
+use vamvs_core::{DepthMap, DepthRange, Grid, Intrinsics, Photo, Pinhole, Planes, Pose, Size, Spacing};
 use vamvs_corr::Stage;
 use vamvs_gpu::{Gpu, Network};
+use vamvs_refine::matching::{Device, DeviceError, Matched, Matching};
+use vamvs_refine::{RefineOptions, refine_geometric_on, refine_on};
+
+/// The depth of the wall that the photographs show.
+const WALL: f64 = 6.0;
 
 /// The shortest of so many runs counts.
 const RUNS: usize = 3;
@@ -34,15 +40,84 @@ fn main() {
     println!("Sweep {:.4} s", sweep.as_secs_f64());
     println!("Regularize {:.4} s {}", regularize.as_secs_f64(), speed(regularizing, regularize));
     println!("total {:.4} s", total.as_secs_f64());
+    for (name, [matching, all]) in
+        ["First pass", "Geometric pass"].iter().zip(refinement(network.gpu(), &photos))
+    {
+        println!(
+            "{} {:.4} s matching of {:.4} s",
+            name.replace(' ', "-"),
+            matching.as_secs_f64(),
+            all.as_secs_f64()
+        );
+    }
 }
 
-/// A photograph of a pattern, from a camera beside the others.
+/// A GPU that measures how long it matches planes.
+struct Measured<'a> {
+    gpu: &'a Gpu,
+    time: Mutex<Duration>,
+}
+
+impl Device for Measured<'_> {
+    fn planes(&self, matching: &Matching<'_>) -> Result<Vec<Matched>, DeviceError> {
+        let begin = Instant::now();
+        let matched = self.gpu.planes(matching);
+        *self.time.lock().expect("no run fails") += begin.elapsed();
+        matched
+    }
+}
+
+/// The times of the matching of both passes of refinement, and of all of them, of the shortest run.
+fn refinement(gpu: &Gpu, photos: &[Photo]) -> [[Duration; 2]; 2] {
+    let mut options = RefineOptions::default();
+    options.halvings = 1;
+    let sources: Vec<&Photo> = photos[1..].iter().collect();
+    let seeds: Vec<DepthMap> = photos.iter().map(|photo| wall(photo, 4)).collect();
+    let maps: Vec<DepthMap> = photos[1..].iter().map(|photo| wall(photo, 2)).collect();
+    let maps: Vec<Option<&DepthMap>> = maps.iter().map(Some).collect();
+    let run = || {
+        let device = Measured { gpu, time: Mutex::default() };
+        let taken = |begin: Instant| {
+            [std::mem::take(&mut *device.time.lock().expect("no run fails")), begin.elapsed()]
+        };
+        let begin = Instant::now();
+        let first =
+            refine_on(Some(&device), &photos[0], &sources, (&seeds[0], &[]), &options).expect("a set");
+        let of_first = taken(begin);
+        let begin = Instant::now();
+        let again = (&first.surface(), &maps[..]);
+        refine_geometric_on(Some(&device), &photos[0], &sources, again, &options).expect("a set");
+        [of_first, taken(begin)]
+    };
+    let runs = (0..RUNS).map(|_| run());
+    runs.min_by_key(|[first, second]| first[1] + second[1]).expect("there are runs")
+}
+
+/// The depth map of the wall that the photographs show, so many times smaller.
+fn wall(photo: &Photo, ratio: usize) -> DepthMap {
+    let Size { width, height } = photo.camera.size;
+    let camera = photo.camera.resized(Size::new(width / ratio, height / ratio));
+    DepthMap {
+        camera,
+        cam_from_world: photo.cam_from_world,
+        depth: Grid::filled(camera.size, WALL as f32),
+        confidence: Grid::filled(camera.size, 1.0),
+        coarse_confidence: None,
+    }
+}
+
+/// A photograph of a wall with a pattern, from a camera beside the others.
 fn photo(size: Size, view: usize) -> Photo {
     let focal = size.width as f64;
     let intrinsics = Intrinsics { fx: focal, fy: focal, cx: 0.5 * focal, cy: 0.5 * size.height as f64 };
     let mut cam_from_world = Pose::identity();
     cam_from_world.translation.x = -0.3 * view as f64;
-    let image = Grid::from_fn(size, |x, y| [(x * 7 + y * 13 + view) as u8, (x * y) as u8, (x ^ y) as u8]);
+    let shift = 0.3 * view as f64 * focal / WALL;
+    let image = Grid::from_fn(size, |x, y| {
+        let (x, y) = (x as f64 + shift, y as f64);
+        let wave = (0.31 * x).sin() + (0.23 * y + 0.1 * x).cos() + (0.77 * x + 0.53 * y).sin();
+        [(127.0 + 40.0 * wave) as u8; 3]
+    });
     Photo { camera: Pinhole { size, intrinsics }, cam_from_world, image, mask: None }
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use rayon::prelude::*;
 use vamvs_refine::matching::{ADJACENT, DIRECTIONS, Matching, constants, texels};
 
 use crate::kernels::{IMAGE, Kernel, filled, kernel, literal};
@@ -20,8 +21,15 @@ pub struct MatchingKernels {
 
 impl MatchingKernels {
     pub fn new(device: &wgpu::Device, views: usize) -> Self {
-        let [search, sweep, begin_second, begin_first, begin_again] =
-            sources(views).map(|(name, source)| kernel(device, name, source, IMAGE));
+        // Drivers compile them for seconds.
+        let made: Vec<Kernel> = sources(views)
+            .into_par_iter()
+            .map(|(name, source)| kernel(device, name, source, IMAGE))
+            .collect();
+        let Ok([search, sweep, begin_second, begin_first, begin_again]) = <[Kernel; 5]>::try_from(made)
+        else {
+            unreachable!("a kernel for each source");
+        };
         Self { search, sweep, begin_second, begin_first, begin_again }
     }
 }
@@ -108,7 +116,7 @@ if other.w > 0.0 && (!found || other.energy < energy_of) {{
         let neighbours = lines(direction.iter().map(of));
         format!(
             "found = false;\n{neighbours}
-if found && energy_of < least && !is_same(plane, plane_of(own)) {{ least = energy_of; proposed = plane; }}"
+if found && energy_of < least && !is_same(plane, plane_of(own)) {{ least = energy_of; best = plane; }}"
         )
     }))
 }

@@ -37,7 +37,7 @@ impl Device for Compared {
             found.len(),
             100.0 * differ as f64 / found.len() as f64
         );
-        self.found.lock().unwrap().push((found.len(), differ, most));
+        self.found.lock().expect("no thread fails").push((found.len(), differ, most));
         Ok(found)
     }
 }

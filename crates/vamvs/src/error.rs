@@ -110,6 +110,7 @@ impl VamvsError {
             Self::View { source, .. } => source.ends_all(),
             #[cfg(feature = "gpu")]
             Self::Gpu(vamvs_gpu::GpuError::Lost { .. } | vamvs_gpu::GpuError::Device { .. }) => true,
+            Self::Refine(vamvs_refine::RefineError::Device(_)) => true,
             error => matches!(error, Self::Cancelled),
         }
     }

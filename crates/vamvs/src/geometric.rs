@@ -4,7 +4,8 @@ use std::rc::Rc;
 
 use nalgebra::Vector3;
 use vamvs_core::{DepthMap, Photo, Pose, Size};
-use vamvs_refine::{RefineOptions, Refined, Surface, refine_geometric};
+use vamvs_refine::matching::Device;
+use vamvs_refine::{RefineOptions, Refined, Surface, refine_geometric_on};
 
 use crate::VamvsError;
 use crate::output::{LoadedMap, OutputFolder};
@@ -31,7 +32,7 @@ pub(crate) enum Needed {
 }
 
 /// Refines a view's first-pass map with those of its source views; `first` gives all of them. A
-/// source view that has none is compared by its photograph alone.
+/// source view that has none is compared by its photograph alone. A device, if there is one, matches planes.
 ///
 /// # Errors
 /// If a first-pass map cannot be read, the view has none, or there is no source view.
@@ -39,7 +40,7 @@ pub(crate) fn refined(
     first: impl Fn(usize, Needed) -> Result<Option<Rc<LoadedMap>>, VamvsError>,
     (view, reference): (usize, &Photo),
     sources: &[(usize, Rc<Photo>)],
-    options: &RefineOptions,
+    (options, device): (&RefineOptions, Option<&dyn Device>),
 ) -> Result<Refined, VamvsError> {
     let own = first(view, Needed::Normals)?;
     let own = own.ok_or_else(|| VamvsError::Request("it has no depth map of the first pass".to_owned()))?;
@@ -50,7 +51,8 @@ pub(crate) fn refined(
         sources.iter().map(|(source, _)| first(*source, Needed::Depth)).collect::<Result<_, _>>()?;
     let maps: Vec<Option<&DepthMap>> = maps.iter().map(|map| map.as_ref().map(|map| &map.map)).collect();
     let photos: Vec<&Photo> = sources.iter().map(|(_, photo)| photo.as_ref()).collect();
-    Ok(refine_geometric(reference, &photos, &Surface { map: &own.map, normals: &normals }, &maps, options)?)
+    let own = Surface { map: &own.map, normals: &normals };
+    Ok(refine_geometric_on(device, reference, &photos, (&own, &maps), options)?)
 }
 
 /// A first-pass map from the folder of the first pass, if it is there.

@@ -194,6 +194,14 @@ impl Method {
         }
     }
 
+    /// What matches planes in refinement in place of the processor.
+    pub(crate) fn device(&self) -> Option<&dyn vamvs_refine::matching::Device> {
+        match self {
+            Self::VisCorr(network) => network.matching(),
+            _ => None,
+        }
+    }
+
     /// Distance between neighbouring planes in the source views, pixels of the photographs.
     pub(crate) fn plane_step(&self) -> f64 {
         match self {

@@ -18,21 +18,22 @@ fn begun() -> vec3<f32> {
     return planes[index()].xyz;
 }
 
-// The planes of the other three nearest pixels at half the resolution are tried.
-fn beside_parent(plane: vec3<f32>) {
-    if !is_enlarged() { return; }
+// The pixel's own plane, and those of the other three nearest pixels at half the resolution where they are other surfaces.
+fn start(k: u32) -> vec3<f32> {
+    let plane = begun();
+    if k == 0u { return plane; }
     let there = parent();
-    let last = p.begin_size - 1u;
-    let before = vec2<u32>(max(there.x, 1u) - 1u, max(there.y, 1u) - 1u);
-    let beside = select(min(there + 1u, last), before, at % vec2<u32>(2u) == vec2<u32>(0u));
-    for (var k = 1u; k < 4u; k++) {
-        let place = vec2<u32>(select(there.x, beside.x, k != 2u), select(there.y, beside.y, k != 1u));
-        let other = enlarged(place);
-        if other.x > 0.0 && abs(other.x - plane.x) > APART * step { consider(other); }
-    }
+    let before = max(there, vec2<u32>(1u)) - 1u;
+    let after = min(there + 1u, p.begin_size - 1u);
+    let beside = select(after, before, at % vec2<u32>(2u) == vec2<u32>(0u));
+    let other = enlarged(select(there, beside, vec2<bool>(k != 2u, k != 1u)));
+    return select(vec3<f32>(0.0), other, abs(other.x - plane.x) > APART * step);
 }
+
+fn starts() -> u32 { return select(1u, 4u, is_enlarged()); }
 
 fn prepare_begun(plane: vec3<f32>) -> bool {
     prior = plane.x;
+    like = Judged(0.0, 0.0, 0u);
     return plane.x > 0.0 && prepare(plane.x);
 }

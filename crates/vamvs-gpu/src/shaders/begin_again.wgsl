@@ -15,6 +15,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 {ADJACENT}
     if !is_matched || !prepare_begun(begun()) { return; }
     own = field[index()];
-    improve(1u);
+    try_planes(0u, true);
+    descend();
     field[index()] = own;
 }

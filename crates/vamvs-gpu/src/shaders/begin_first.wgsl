@@ -4,7 +4,7 @@
 var<private> mean: State;
 var<private> range: vec2<f32>;
 var<private> all_there: bool;
-var<private> like: State;
+var<private> best: State;
 
 fn adjacent(dx: i32, dy: i32) {
     let other = neighbour(dx, dy);
@@ -17,7 +17,7 @@ fn adjacent(dx: i32, dy: i32) {
     mean.energy += 0.25 * other.energy;
     mean.correlation += 0.25 * other.correlation;
     mean.variance += 0.25 * other.variance;
-    if like.w <= 0.0 || other.energy < like.energy { like = other; }
+    if best.w <= 0.0 || other.energy < best.energy { best = other; }
 }
 
 fn is_between(plane: vec3<f32>) -> bool {
@@ -31,23 +31,17 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if !place_colour(id) { return; }
     let plane = begun();
     mean = State(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0u, 1u);
-    like = State(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0u, 0u);
+    best = State(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0u, 0u);
     range = vec2<f32>(IMPOSSIBLE, 0.0);
     all_there = true;
 {ADJACENT}
     if is_between(plane) { field[index()] = mean; return; }
     own = State(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0u, 0u);
     if prepare_begun(plane) {
-        var found = Judged(IMPOSSIBLE, 0.0, 0u);
-        var is_like = false;
-        if like.w > 0.0 && like.best != 0u {
-            found = energy_in(plane, like.best);
-            is_like = found.energy < like.energy + p.hopeless;
-        }
-        if !is_like { found = energy(plane, Judged(0.0, 0.0, 0u)); }
-        own = with_energy(plane, found);
-        beside_parent(plane);
-        improve(1u);
+        if best.w > 0.0 { like = Judged(best.energy, best.correlation, best.best); }
+        own = with_energy(plane, Judged(IMPOSSIBLE, 0.0, 0u));
+        try_planes(starts(), true);
+        descend();
     }
     field[index()] = own;
 }

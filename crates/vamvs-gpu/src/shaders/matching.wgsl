@@ -89,6 +89,8 @@ var<private> prior: f32;
 var<private> farthest: f32;
 var<private> nearest: f32;
 var<private> own: State;
+// The neighbour whose views are likely to see its first plane; no views if there is none.
+var<private> like: Judged;
 
 // Its window: weights, weights · (grey value − mean), mean and variance.
 {WINDOW}
@@ -309,27 +311,25 @@ fn prior_cost(w: f32) -> f32 {
     return p.prior * min(abs(w - prior) / (step * p.prior_reach), 1.0);
 }
 
-// The energy of a plane; `rival`, the best so far, has no views where there is none.
-fn energy(plane: vec3<f32>, rival: Judged) -> Judged {
+// The energy of a plane. It is known from the views `known` alone if it is below `enough` or above `hopeless` there, which makes it
+// impossible.
+fn energy(plane: vec3<f32>, known: u32, enough: f32, hopeless: f32) -> Judged {
     if !is_possible(plane) { return Judged(IMPOSSIBLE, 0.0, 0u); }
     forget();
-    let known = rival.best;
-    if known != 0u {
-        let found = costs(known, plane) / f32(countOneBits(known));
+    var views = select(known, all_views(), known == 0u);
+    // One loop, so that the window is in the kernel's code once.
+    loop {
+        let sum = costs(views, plane);
+        if known == 0u || views != known { break; }
+        let found = sum / f32(countOneBits(known));
         let total = found.x + prior_cost(plane.x);
-        if total < rival.energy { return Judged(total, found.y, known); }
-        if total > rival.energy + p.hopeless { return Judged(IMPOSSIBLE, 0.0, 0u); }
+        if total < enough { return Judged(total, found.y, known); }
+        if total > hopeless { return Judged(IMPOSSIBLE, 0.0, 0u); }
+        views = all_views() & ~known;
+        if views == 0u { break; }
     }
-    costs(all_views() & ~known, plane);
     let mean = mean_of_best();
     return Judged(mean.energy + prior_cost(plane.x), mean.correlation, mean.best);
-}
-
-// The energy over given views.
-fn energy_in(plane: vec3<f32>, views: u32) -> Judged {
-    if !is_possible(plane) || views == 0u { return Judged(IMPOSSIBLE, 0.0, 0u); }
-    let found = costs(views, plane) / f32(countOneBits(views));
-    return Judged(found.x + prior_cost(plane.x), found.y, views);
 }
 
 // The views that match the plane best, and the mean of their costs.
@@ -342,16 +342,8 @@ fn mean_of_best() -> Judged {
     return Judged(total / f32(most), correlation / f32(most), best);
 }
 
-fn judged(state: State) -> Judged { return Judged(state.energy, state.correlation, state.best); }
-
 fn with_energy(plane: vec3<f32>, judged: Judged) -> State {
     return State(plane.x, plane.y, plane.z, judged.energy, judged.correlation, UNKNOWN, judged.best, 0u);
-}
-
-// Takes the plane if its energy is lower.
-fn consider(plane: vec3<f32>) {
-    let found = energy(plane, judged(own));
-    if found.energy < own.energy { own = with_energy(plane, found); }
 }
 
 // The pixel with its window, near inverse depth w; false if it is masked or its projection moves with depth in no source view.
@@ -383,16 +375,17 @@ fn neighbour(dx: i32, dy: i32) -> State {
     return field[u32(place.y * size.x + place.x)];
 }
 
-// The plane that the neighbours propose, of those that are another surface than the pixel's own, is tried.
-fn propagate() {
+// The plane that the neighbours propose: of each direction's best, those that are another surface than the pixel's own, the best; w = 0
+// if there is none.
+fn proposed() -> vec3<f32> {
     var least = IMPOSSIBLE;
-    var proposed = vec3<f32>(0.0);
+    var best = vec3<f32>(0.0);
     var energy_of = IMPOSSIBLE;
     var plane = vec3<f32>(0.0);
     var found = false;
     var other: State;
 {DIRECTIONS}
-    if least < IMPOSSIBLE { consider(proposed); }
+    return best;
 }
 
 fn is_same(a: vec3<f32>, b: vec3<f32>) -> bool {
@@ -400,25 +393,53 @@ fn is_same(a: vec3<f32>, b: vec3<f32>) -> bool {
     return way.x + RADIUS * (way.y + way.z) < OTHER * step;
 }
 
-// The depths of the sources' own depth maps are tried.
-fn from_sources() {
-    if p.has_depths == 0u { return; }
-    var tried: array<f32, 16>;
-    var most = 0u;
-    var around = plane_of(own);
-    for (var i = 0u; i < p.count; i++) {
-        if i % 4u == 0u { around = plane_of(own); }
-        let warp = warp_of(i, around);
-        if !warp.inside || sources[i].map_size.x <= 0.0 { continue; }
-        let found = surface(i, vec2<f32>(warp.u, warp.v));
-        if found.x >= IMPOSSIBLE { continue; }
-        let w = found.y;
-        var is_near = abs(w - own.w) < DISTINCT * step;
-        for (var k = 0u; k < most; k++) { is_near = is_near || abs(w - tried[k]) < DISTINCT * step; }
-        if is_near { continue; }
-        tried[most] = w;
-        most++;
-        consider(vec3<f32>(w, own.gx, own.gy));
+// Inverse depths of the sources' own depth maps that were tried, and the plane at which they were looked up.
+var<private> tried: array<f32, 16>;
+var<private> most: u32;
+var<private> around: vec3<f32>;
+
+// The plane at the depth of a source's own depth map, if that was not tried; else w = 0. Sources are asked in their order.
+fn of_source(i: u32) -> vec3<f32> {
+    if i == 0u { most = 0u; }
+    if i % 4u == 0u { around = plane_of(own); }
+    let warp = warp_of(i, around);
+    if !warp.inside || sources[i].map_size.x <= 0.0 { return vec3<f32>(0.0); }
+    let found = surface(i, vec2<f32>(warp.u, warp.v));
+    if found.x >= IMPOSSIBLE { return vec3<f32>(0.0); }
+    let w = found.y;
+    var is_near = abs(w - own.w) < DISTINCT * step;
+    for (var k = 0u; k < most; k++) { is_near = is_near || abs(w - tried[k]) < DISTINCT * step; }
+    if is_near { return vec3<f32>(0.0); }
+    tried[most] = w;
+    most++;
+    return vec3<f32>(w, own.gx, own.gy);
+}
+
+// Tries so many planes of the kernel's own (`start`), the neighbours' if they are asked, and those of the sources' depth maps. A plane
+// is taken if its energy is lower.
+fn try_planes(starts: u32, asks_neighbours: bool) {
+    let of_sources = select(0u, p.count, p.has_depths != 0u);
+    for (var k = 0u; k < starts + 1u + of_sources; k++) {
+        var plane = vec3<f32>(0.0);
+        if k < starts {
+            plane = start(k);
+        } else if k > starts {
+            plane = of_source(k - starts - 1u);
+        } else if asks_neighbours {
+            plane = proposed();
+        }
+        if plane.x <= 0.0 { continue; }
+        var known = own.best;
+        var enough = own.energy;
+        var hopeless = own.energy + p.hopeless;
+        if known == 0u && like.best != 0u {
+            known = like.best;
+            enough = like.energy + p.hopeless;
+            hopeless = IMPOSSIBLE;
+        }
+        let found = energy(plane, known, enough, hopeless);
+        if found.energy < own.energy { own = with_energy(plane, found); }
+        like = Judged(0.0, 0.0, 0u);
     }
 }
 
@@ -508,13 +529,6 @@ fn descend() {
     }
     own.variance = variance;
     own.settled = select(1u, 0u, is_better);
-}
-
-// One turn of the pixel.
-fn improve(steps: u32) {
-    propagate();
-    from_sources();
-    for (var k = 0u; k < steps; k++) { descend(); }
 }
 
 // Which pixel this invocation has; all of an image, or one colour of the checkerboard.

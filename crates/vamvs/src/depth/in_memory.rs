@@ -131,7 +131,7 @@ impl<'a> DepthMaps<'a> {
             Some(Err(reason)) if view == own => Err(VamvsError::Request(reason.clone())),
             _ => Ok(None),
         };
-        self.maker.refine_again(view, plan, first)
+        self.maker.refine_again(view, plan, first, &mut self.on_event)
     }
 
     /// Runs the first pass of a view unless that is done; if it fails, keeps the reason.

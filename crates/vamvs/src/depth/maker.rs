@@ -141,7 +141,7 @@ impl<'a> Maker<'a> {
             refinement: work
                 .options
                 .refine
-                .then(|| Refinement::new(scene, photographs, work.method.beyond(), two_passes)),
+                .then(|| Refinement::new(scene, photographs, &work.method, two_passes)),
             clock: work.method.clock(),
             ceiling: Ceiling::new(limit, for_maps),
             unusable: BTreeMap::new(),
@@ -169,9 +169,13 @@ impl<'a> Maker<'a> {
         view: usize,
         plan: &ViewPlan,
         first: impl Fn(usize, Needed) -> Result<Option<Rc<LoadedMap>>, VamvsError>,
+        on_event: &mut OnEvent<'_>,
     ) -> Result<MadeMap, VamvsError> {
         let refinement = self.refinement.as_mut().expect("there are two passes of refinement");
-        Ok(self.work.calibrated(refined_map(refinement.refine_again(view, &plan.sources, first)?)))
+        let refined = refinement.refine_again(view, &plan.sources, first)?;
+        let warning = refinement.warning();
+        warning.map_or(Ok(()), |warning| tell(on_event, Event::Warning(warning)))?;
+        Ok(self.work.calibrated(refined_map(refined)))
     }
 
     /// Drops all features; the method is not needed any more.
@@ -207,6 +211,8 @@ impl<'a> Maker<'a> {
                 let knows_surfaces = self.work.method.knows_surfaces().then_some(knows);
                 let seed = Seed { map: &finest.map, visibility: &visibility, region, knows_surfaces };
                 let refined = refined_map(refinement.refine(view, &used, &seed)?);
+                let warning = refinement.warning();
+                warning.map_or(Ok(()), |warning| tell(on_event, Event::Warning(warning)))?;
                 *finest = if self.work.has_two_passes() { refined } else { self.work.calibrated(refined) };
             }
         }

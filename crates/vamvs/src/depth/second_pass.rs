@@ -72,7 +72,7 @@ impl Run<'_> {
             let (name, begin) = (self.work.scene.views[view].name.clone(), Instant::now());
             let resumed = self.done.contains(&view);
             self.maker.stay_below_ceiling(on_event)?;
-            if !resumed && let Err(error) = self.refine_again(view)? {
+            if !resumed && let Err(error) = self.refine_again(view, on_event)? {
                 self.leave_out(view, LeftOut { view: name, reason: error.with_causes() }, on_event)?;
                 continue;
             }
@@ -89,14 +89,21 @@ impl Run<'_> {
         self.first.remove(&planned.map(|view| self.names[view].as_str()).collect::<Vec<_>>())
     }
 
-    /// The geometric pass of one view. The outer error means that a file could not be written.
-    fn refine_again(&mut self, view: usize) -> Result<Result<(), VamvsError>, VamvsError> {
+    /// The geometric pass of one view. The outer error means that a file could not be written,
+    /// or that no view can be made any more.
+    fn refine_again(
+        &mut self,
+        view: usize,
+        on_event: &mut OnEvent<'_>,
+    ) -> Result<Result<(), VamvsError>, VamvsError> {
         let Ok(plan) = &self.work.plan.views[view] else { return Ok(Ok(())) };
         let first = |view: usize, needed| loaded(&self.first, &self.names[view], needed);
-        let MadeMap { map, colour, normals, sigma } = match self.maker.refine_again(view, plan, first) {
-            Ok(made) => made,
-            Err(error) => return Ok(Err(error)),
-        };
+        let MadeMap { map, colour, normals, sigma } =
+            match self.maker.refine_again(view, plan, first, on_event) {
+                Ok(made) => made,
+                Err(error) if error.ends_all() => return Err(error),
+                Err(error) => return Ok(Err(error)),
+            };
         // A view that was left out has no depth map of the first pass, and never has one with this photograph.
         let saved = |view: usize| self.first.saved(&self.names[view]);
         let first =

@@ -78,6 +78,14 @@ impl VisCorr {
         false
     }
 
+    /// The GPU, as refinement uses it.
+    pub(super) fn matching(&self) -> Option<&dyn vamvs_refine::matching::Device> {
+        #[cfg(feature = "gpu")]
+        return self.gpu.as_ref().map(|network| network.gpu() as &dyn vamvs_refine::matching::Device);
+        #[cfg(not(feature = "gpu"))]
+        None
+    }
+
     /// The process's memory, or the largest piece of a GPU's.
     pub(super) fn memory(&self, limit: MemoryLimit) -> MethodMemory {
         #[cfg(feature = "gpu")]
@@ -93,7 +101,7 @@ impl VisCorr {
 
     /// The hash of its weights, and whether a GPU runs it, whose sums are other ones.
     pub(super) fn identity(&self) -> String {
-        let place = if self.is_on_gpu() { "on a GPU" } else { "in Rust" };
+        let place = if self.is_on_gpu() { "on a GPU, refined there" } else { "in Rust" };
         format!("{} {place}", self.weights)
     }
 

@@ -172,7 +172,7 @@ impl<'a> Run<'a> {
         };
         let begin = Instant::now();
         let first = |map: usize, needed| geometric::loaded(&self.first, &names[map], needed);
-        let refined = geometric::refined(first, (map, &reference), &sources, self.job.options);
+        let refined = geometric::refined(first, (map, &reference), &sources, (self.job.options, None));
         self.summary.geometric += begin.elapsed();
         Ok(refined)
     }
