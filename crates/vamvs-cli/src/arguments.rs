@@ -407,7 +407,7 @@ pub struct DepthFlags {
 pub struct DeviceFlags {
     #[cfg_attr(
         all(feature = "torch", feature = "gpu"),
-        doc = "auto, cpu, gpu, gpu:N, cuda or cuda:N: gpu is one of any vendor, for vis-corr; auto is cuda, if there is one, or cpu [default: auto]."
+        doc = "auto, cpu, gpu, gpu:N, cuda or cuda:N: gpu is one of any vendor, for vis-corr; auto is the first of these there is [default: cuda, if there is one, or cpu]."
     )]
     #[cfg_attr(
         all(feature = "torch", not(feature = "gpu")),
@@ -415,7 +415,7 @@ pub struct DeviceFlags {
     )]
     #[cfg_attr(
         all(feature = "gpu", not(feature = "torch")),
-        doc = "cpu, gpu or gpu:N, a GPU of any vendor; `vamvs info device` lists them [default: cpu]."
+        doc = "cpu, gpu or gpu:N, a GPU of any vendor; `vamvs info device` lists them; auto is such a GPU, if there is one [default: cpu]."
     )]
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,

@@ -122,7 +122,8 @@ pub(crate) struct Task<'a> {
 pub(crate) type Estimated = (Vec<DepthMap>, Vec<Grid<f32>>);
 
 impl Method {
-    /// The network named `weights` (see [`weights`]) on a device, or the plane sweep for `none`.
+    /// The network named `weights` (see [`weights`]) on a device, or the plane sweep for `none`. On the device `auto` vis-corr runs on a
+    /// GPU of any vendor, if there is one and the feature `gpu`.
     ///
     /// # Errors
     /// If the module is invalid, the device does not exist, or the method cannot do what the options ask for.
@@ -144,6 +145,12 @@ impl Method {
         let name = weights.unwrap_or(Path::new(Quality::default().weights()));
         let bytes = weights::without_libtorch(name)?;
         let network = |bytes: &[u8]| VisCorr::new(name, bytes, options);
+        #[cfg(feature = "gpu")]
+        if let (Some(bytes), Some("auto")) = (&bytes, device)
+            && let Ok(gpu) = vamvs_gpu::Gpu::open(None)
+        {
+            return Ok(Self::VisCorr(Box::new(network(bytes)?.on_gpu(gpu)?)));
+        }
         match (bytes, Device::named(device)?) {
             (Some(bytes), Device::Processor) => return Ok(Self::VisCorr(Box::new(network(&bytes)?))),
             #[cfg(feature = "gpu")]
@@ -370,7 +377,7 @@ enum Device {
 }
 
 impl Device {
-    /// `auto` is a GPU if libtorch has one. Others are tried as they come: gpu:N is one of wgpu's, cuda and what else libtorch knows
+    /// `auto` is here a GPU if libtorch has one. Others are tried as they come: gpu:N is one of wgpu's, cuda and what else libtorch knows
     /// is its.
     fn named(device: Option<&str>) -> Result<Self, VamvsError> {
         let Some(device) = device.filter(|device| *device != "auto") else {

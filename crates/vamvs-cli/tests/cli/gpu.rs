@@ -43,6 +43,15 @@ fn depth_maps_of_a_gpu_are_as_good_as_those_of_the_processor() {
 }
 
 #[test]
+fn a_gpu_of_software_is_not_chosen_by_itself() {
+    let scene = Scene::new(160, 120, 3);
+    let output = scene.run("depth", &["--device", "auto"]);
+    expect_success(&output);
+    let is_hardware = vamvs::gpu::adapters().iter().any(|adapter| !adapter.is_software);
+    assert_eq!(stderr(&output).contains("vis-corr on cpu"), !is_hardware, "{}", stderr(&output));
+}
+
+#[test]
 fn a_gpu_that_is_not_there_is_named_and_nothing_is_written() {
     let scene = Scene::new(160, 120, 3);
     let said = scene.error("depth", &["--device", "gpu:1000"]);
