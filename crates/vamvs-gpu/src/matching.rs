@@ -21,9 +21,10 @@ const SOURCE: usize = 40;
 /// The energy of an impossible plane in the kernels, which know no infinity.
 const IMPOSSIBLE: f32 = 1e30;
 
-/// About the operations of a plane in a source view at a pixel, and the planes that a pixel tries in a kernel.
+/// About the operations of a plane in a source view at a pixel, and the planes that a pixel tries in a kernel, most of them in two source
+/// views alone.
 const OF_PLANE: u64 = 1500;
-const PLANES: u64 = 8;
+const PLANES: u64 = 2;
 
 /// Operations of a dispatch: a slow device works on so many for a tenth of a second.
 const MOST_OPERATIONS: u64 = 4_000_000_000;
