@@ -49,6 +49,11 @@ impl Gpu {
 
     /// The values of a part of the device's memory, which is waited for.
     pub fn download(&self, buffer: &Buffer) -> Result<Vec<f32>, GpuError> {
+        self.download_as(buffer, <[f32]>::to_vec)
+    }
+
+    /// What `read` makes of them.
+    pub fn download_as<T>(&self, buffer: &Buffer, read: impl FnOnce(&[f32]) -> T) -> Result<T, GpuError> {
         let failed = |problem: String| GpuError::Device { adapter: self.adapter().name.clone(), problem };
         let copy = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,
@@ -62,6 +67,6 @@ impl Gpu {
         copy.map_async(wgpu::MapMode::Read, .., |_| ());
         self.wait()?;
         let view = copy.get_mapped_range(..).map_err(|error| failed(error.to_string()))?;
-        Ok(bytemuck::pod_collect_to_vec(&view))
+        Ok(read(bytemuck::cast_slice(&view)))
     }
 }

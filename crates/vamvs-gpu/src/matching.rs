@@ -64,8 +64,7 @@ impl Gpu {
             }
         }
         to.submit();
-        let words = self.download(&work.field)?;
-        Ok(words.chunks_exact(STATE).map(matched).collect())
+        self.download_as(&work.field, |words| words.chunks_exact(STATE).map(matched).collect())
     }
 
     /// The kernels for a number of views, which are made once.
@@ -109,6 +108,12 @@ impl Work {
         for source in matching.sources() {
             sources.extend(lists.words(&source));
         }
+        let quads = gpu.buffer(4 * lists.quads)?;
+        let mut first = 0;
+        for source in matching.sources() {
+            gpu.queue.write_buffer(&quads, first, bytemuck::cast_slice(source.quads));
+            first += 4 * source.quads.len() as u64;
+        }
         let guesses = matching.guesses();
         let mut parameters = Parameters {
             size: matching.size(),
@@ -134,7 +139,7 @@ impl Work {
         Ok(Self {
             image: gpu.upload(matching.image())?,
             sources: gpu.upload(&sources)?,
-            quads: gpu.upload(&lists.quads)?,
+            quads,
             visibilities: gpu.upload(&any(lists.visibilities))?,
             depths: gpu.upload(&any(lists.depths))?,
             guesses: gpu.upload(&any(guesses.map_or(Vec::new(), |guesses| guesses.values.concat())))?,
@@ -203,7 +208,8 @@ impl Parameters {
 /// What the source views have for each pixel, one after the other.
 #[derive(Default)]
 struct Lists {
-    quads: Vec<u32>,
+    /// The number of pixels, whose grey values are long lists and not copied.
+    quads: usize,
     visibilities: Vec<f32>,
     depths: Vec<f32>,
 }
@@ -211,13 +217,13 @@ struct Lists {
 impl Lists {
     /// Takes what a source view has, and gives the words that describe it.
     fn words(&mut self, source: &SourceView<'_>) -> [u32; SOURCE] {
-        let first = [self.quads.len(), self.visibilities.len(), self.depths.len()];
+        let first = [self.quads, self.visibilities.len(), self.depths.len()];
         let size = |grid: Option<&Grid<f32>>| grid.map_or(Size::new(0, 0), Grid::size);
         let (seen, map) =
             (size(source.visibility), size(source.depths.as_ref().map(|depths| depths.inverse)));
         let [to_x, to_y] = source.depths.as_ref().map_or([[0.0; 2]; 2], |depths| depths.to_map);
         let back = source.depths.as_ref().map(|depths| depths.back);
-        self.quads.extend_from_slice(source.quads);
+        self.quads += source.quads.len();
         self.visibilities.extend(source.visibility.into_iter().flat_map(Grid::data));
         self.depths.extend(source.depths.iter().flat_map(|depths| depths.inverse.data()));
         // A depth map has its last column and row once more.

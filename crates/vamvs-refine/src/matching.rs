@@ -10,14 +10,14 @@ use crate::luminance::BORDER;
 use crate::matcher::Matcher;
 use crate::plane::Plane;
 use crate::seed::Guess;
-use crate::solve;
 use crate::transfer::{TOGETHER, Views};
 use crate::window::{OFFSETS, nearness};
 use crate::{RefineError, RefineOptions, energy, field, geometry, sweep};
+use crate::{solve, tiles};
 
 /// What matches planes in place of the processor. It makes the same decisions, up to its rounding.
 pub trait Device: Sync {
-    /// The planes of all pixels, row by row.
+    /// The planes of all pixels of [`Matching::size`], row by row.
     ///
     /// # Errors
     /// If the device fails or its memory does not suffice.
@@ -149,7 +149,8 @@ pub(crate) fn planes(
 ) -> Result<Field, RefineError> {
     let Some(device) = device else { return Ok(solve::planes(matcher, begin)) };
     let matched = device.planes(&Matching { matcher, begin })?;
-    let width = matcher.image.size.width;
+    let Size { width, height } = matcher.image.size;
+    assert_eq!(matched.len(), width * height, "a device gives a plane for each pixel");
     Ok(Field::new(matcher.image.size, |x, y| State::from(&matched[y * width + x])))
 }
 
@@ -266,6 +267,13 @@ pub fn texels() -> Vec<[f32; 3]> {
 
 /// The adjacent pixels, and the neighbours that propose their planes, by direction.
 pub use sweep::{ADJACENT, DIRECTIONS};
+
+/// What a device takes of the process's memory beside [`crate::peak_bytes`], bytes: planes as they come from it, and its result.
+#[must_use]
+pub fn peak_bytes(photograph: Size, options: &RefineOptions) -> u64 {
+    let of_pixel = 3 * size_of::<Matched>();
+    (of_pixel * tiles::most_pixels(photograph, options)) as u64
+}
 
 /// The names and values of the constants that decide which plane is taken.
 #[must_use]

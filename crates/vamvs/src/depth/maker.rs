@@ -119,7 +119,11 @@ impl Prepared {
             return 0;
         }
         let cameras = working_cameras(&self.photographs.full(), &self.scene);
-        let bytes = |size| vamvs_refine::peak_bytes(size, &RefineOptions::default());
+        let bytes = |size| {
+            let options = RefineOptions::default();
+            let on_device = self.method.device().map(|_| vamvs_refine::matching::peak_bytes(size, &options));
+            vamvs_refine::peak_bytes(size, &options) + on_device.unwrap_or(0)
+        };
         cameras.iter().map(|camera| bytes(camera.size)).max().unwrap_or(0)
     }
 }
