@@ -53,6 +53,7 @@ fn main() {
 }
 
 /// A GPU that measures how long it matches planes.
+#[derive(Debug)]
 struct Measured<'a> {
     gpu: &'a Gpu,
     time: Mutex<Duration>,

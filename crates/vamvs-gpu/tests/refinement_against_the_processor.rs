@@ -13,6 +13,7 @@ use vamvs_refine::matching::{Device, DeviceError, Matched, Matching};
 use vamvs_refine::{RefineError, RefineOptions, Refined, refine_geometric_on, refine_on};
 
 /// A GPU whose planes are compared with the processor's wherever it is asked for some.
+#[derive(Debug)]
 struct Compared {
     gpu: Gpu,
     /// For each time: pixels, those whose planes differ by more than 10⁻⁴, and of all others the largest difference of correlations.

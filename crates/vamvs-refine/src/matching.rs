@@ -3,6 +3,8 @@
 //! Nearly all of refinement's time is in the matching of planes. [`Matching`] is that work at one resolution: images, how pixels
 //! project, and the planes to begin with. A [`Device`] gives back the planes of all pixels ([`Matched`]).
 
+use std::fmt;
+
 use vamvs_core::{Grid, Size};
 
 use crate::field::{Field, State};
@@ -16,7 +18,7 @@ use crate::{RefineError, RefineOptions, energy, field, geometry, sweep};
 use crate::{solve, tiles};
 
 /// What matches planes in place of the processor. It makes the same decisions, up to its rounding.
-pub trait Device: Sync {
+pub trait Device: Sync + fmt::Debug {
     /// The planes of all pixels of [`Matching::size`], row by row.
     ///
     /// # Errors

@@ -411,6 +411,26 @@ impl Device {
     }
 }
 
+/// The GPU with this name (`gpu`, `gpu:N`) for refinement, `None` for the processor (`cpu`, or none named); `auto` is a GPU that is
+/// hardware, if there is one.
+///
+/// # Errors
+/// If the GPU does not exist, or has another kind of name.
+#[cfg(feature = "gpu")]
+pub fn refining_device(name: Option<&str>) -> Result<Option<vamvs_gpu::Gpu>, VamvsError> {
+    match name {
+        None => Ok(None),
+        Some("auto") => Ok(vamvs_gpu::Gpu::open(None).ok()),
+        Some(name) => match Device::named(Some(name))? {
+            Device::Processor => Ok(None),
+            Device::Gpu(number) => Ok(Some(vamvs_gpu::Gpu::open(number)?)),
+            Device::Libtorch => Err(VamvsError::Request(format!(
+                "--device {name}: expected cpu, gpu, gpu:N or auto; refinement does not use libtorch"
+            ))),
+        },
+    }
+}
+
 impl Features {
     /// The memory that they take, bytes.
     pub fn bytes(&self) -> usize {

@@ -15,7 +15,9 @@ use crate::event::OnEvent;
 use crate::output::LeftOut;
 use crate::{Maps, MemoryLimit, OutputFolder, Photographs, VamvsError};
 
-pub use vamvs_refine::{RefineError, RefineOptions, Refined, Surface, peak_bytes, plane_sweep};
+#[cfg(feature = "gpu")]
+pub use crate::method::refining_device;
+pub use vamvs_refine::{RefineError, RefineOptions, Refined, Surface, matching, peak_bytes, plane_sweep};
 pub use vamvs_refine::{refine as refine_view, refine_geometric as refine_view_geometric};
 
 /// What refinement works on.
@@ -40,6 +42,8 @@ pub struct RefineJob<'a> {
     pub max_memory: MemoryLimit,
     /// Whether to refine again what exists already.
     pub force: bool,
+    /// What matches planes in place of the processor.
+    pub device: Option<&'a dyn matching::Device>,
 }
 
 /// What became of the views.

@@ -40,6 +40,10 @@ pub struct RefineArguments {
     /// Use the photographs alone, without the geometric pass: faster, with more outliers.
     #[arg(long)]
     pub no_geometric: bool,
+    /// Where planes are matched: cpu, gpu or gpu:N, a GPU of any vendor; `vamvs info device` lists them; auto is such a GPU, if there is one [default: cpu].
+    #[cfg(feature = "gpu")]
+    #[arg(long, value_name = "DEVICE")]
+    pub device: Option<String>,
     /// Refine again what exists already.
     #[arg(long)]
     pub force: bool,

@@ -38,6 +38,8 @@ pub fn run(arguments: &RefineArguments) -> Result<()> {
     if views < 2 {
         bail!("--views must be at least 2, got {views}");
     }
+    #[cfg(feature = "gpu")]
+    let gpu = vamvs::refine::refining_device(arguments.device.as_deref())?;
     let job = RefineJob {
         maps: &maps,
         scene: &given.scene,
@@ -48,6 +50,10 @@ pub fn run(arguments: &RefineArguments) -> Result<()> {
         output: &output,
         max_memory: limit,
         force: arguments.force,
+        #[cfg(feature = "gpu")]
+        device: gpu.as_ref().map(|gpu| gpu as _),
+        #[cfg(not(feature = "gpu"))]
+        device: None,
     };
     let summary = refine(&job, &mut |event| progress.show(event))?;
     progress.finish();

@@ -43,6 +43,33 @@ fn depth_maps_of_a_gpu_are_as_good_as_those_of_the_processor() {
 }
 
 #[test]
+fn a_gpu_refines_the_depth_maps_of_a_folder() {
+    let scene = Scene::new(160, 120, 3);
+    expect_success(&scene.run("depth", &["--no-refine"]));
+    let refined = |device: &str| {
+        let out = scene.path(device);
+        let mut command = vamvs();
+        command.arg("refine").arg(scene.out()).args(["--device", device, "--out"]).arg(&out);
+        (command.output().unwrap(), out)
+    };
+    let (output, on_processor) = refined("cpu");
+    expect_success(&output);
+    let (output, _) = refined("cuda");
+    assert!(stderr(&output).contains("expected cpu, gpu, gpu:N or auto"), "{}", stderr(&output));
+    if vamvs::gpu::adapters().is_empty() {
+        println!("no GPU, not even a software one: no more is tested");
+        return;
+    }
+    let (output, on_gpu) = refined("gpu:0");
+    expect_success(&output);
+    for (number, view) in scene.views.iter().enumerate() {
+        let share = |out: &Path| right(&depth(out, number), &view.depth, 0.01);
+        let (gpu, processor) = (share(&on_gpu), share(&on_processor));
+        assert!((gpu - processor).abs() < 0.005, "view {number}: {gpu}, on the processor {processor}");
+    }
+}
+
+#[test]
 fn a_gpu_of_software_is_not_chosen_by_itself() {
     let scene = Scene::new(160, 120, 3);
     let output = scene.run("depth", &["--device", "auto"]);

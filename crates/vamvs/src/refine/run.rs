@@ -8,13 +8,15 @@ use vamvs_core::depth_map::is_valid;
 use vamvs_core::{DepthMap, DepthRange, Photo, Size, Source};
 
 use super::cache::PhotoCache;
-use super::{RefineJob, RefineSummary, Refined, refine_view};
+use super::{RefineJob, RefineSummary, Refined};
 use crate::output::{ConfidenceKind, LeftOut, Record, SavedMap, names};
 use vamvs_io::image;
+use vamvs_refine::refine_on;
 
 use crate::ceiling::Ceiling;
 use crate::event::{OnEvent, tell};
 use crate::photographs::{hash_file, working_cameras};
+use crate::place::Place;
 use crate::{Event, OutputFolder, Pass, VamvsError, geometric, memory};
 
 /// Increased whenever a change gives other depth maps for the same inputs.
@@ -33,6 +35,7 @@ pub(super) struct Run<'a> {
     /// For each depth map, those of its source views, best first.
     sources: Vec<Vec<usize>>,
     photos: PhotoCache,
+    place: Place<'a>,
     ceiling: Ceiling,
     /// The folder of photometric depth maps, until all views are done.
     first: OutputFolder,
@@ -55,6 +58,7 @@ impl<'a> Run<'a> {
             views,
             sources,
             photos: PhotoCache::default(),
+            place: Place::new(job.device),
             ceiling: Ceiling::new(job.max_memory, needed(job)),
             first: job.output.photometric(),
             has_first: HashSet::new(),
@@ -88,8 +92,11 @@ impl<'a> Run<'a> {
                     let (pass, time) = (Pass::Final, begin.elapsed());
                     tell(on_event, Event::DepthMap { name, pass, done, total, resumed, time })?;
                 }
+                Err(error) if error.ends_all() => return Err(error),
                 Err(error) => self.leave_out(name, error.with_causes(), on_event)?,
             }
+            let warning = self.place.warning();
+            warning.map_or(Ok(()), |warning| tell(on_event, Event::Warning(warning)))?;
         }
         if self.first.is_own() {
             self.first.remove(&names)?;
@@ -172,7 +179,9 @@ impl<'a> Run<'a> {
         };
         let begin = Instant::now();
         let first = |map: usize, needed| geometric::loaded(&self.first, &names[map], needed);
-        let refined = geometric::refined(first, (map, &reference), &sources, (self.job.options, None));
+        let refined = self.place.refined(self.job.options, |device, options| {
+            geometric::refined(first, (map, &reference), &sources, (options, device))
+        });
         self.summary.geometric += begin.elapsed();
         Ok(refined)
     }
@@ -214,7 +223,9 @@ impl<'a> Run<'a> {
         let geometric_follows = self.job.geometric;
         let options =
             if geometric_follows { geometric::first_pass(&options, reference.image.size()) } else { options };
-        let refined = refine_view(&reference, &sources, &seed, &[], &options)?;
+        let refined = self.place.refined(&options, |device, options| {
+            Ok(refine_on(device, &reference, &sources, (&seed, &[]), options)?)
+        })?;
         self.summary.photometric += begin.elapsed();
         Ok(refined)
     }
@@ -236,6 +247,9 @@ impl<'a> Run<'a> {
         let photographs = self.job.photographs;
         let options = (VERSION, self.job.options, geometric, photographs.max_size());
         hasher.update(format!("{options:?} {:?}", photographs.shape()).as_bytes());
+        if self.job.device.is_some() {
+            hasher.update(b"on a device");
+        }
         for view in std::iter::once(map).chain(self.sources[map].clone()) {
             let own = self.hash(view)?;
             hasher.update(own.as_bytes());
