@@ -407,7 +407,7 @@ pub struct DepthFlags {
 pub struct DeviceFlags {
     #[cfg_attr(
         all(feature = "torch", feature = "gpu"),
-        doc = "auto, cpu, gpu, gpu:N, cuda or cuda:N: gpu is one of any vendor, for vis-corr; auto is the first of these there is [default: cuda, if there is one, or cpu]."
+        doc = "auto, cpu, gpu, gpu:N, cuda or cuda:N: gpu is one of any vendor, for vis-corr; auto is such a one, if there is one, else cuda, else cpu [default: cuda, if there is one, else cpu]."
     )]
     #[cfg_attr(
         all(feature = "torch", not(feature = "gpu")),

@@ -41,14 +41,9 @@ fn main() {
     println!("Regularize {:.4} s {}", regularize.as_secs_f64(), speed(regularizing, regularize));
     println!("total {:.4} s", total.as_secs_f64());
     for (name, [matching, all]) in
-        ["First pass", "Geometric pass"].iter().zip(refinement(network.gpu(), &photos))
+        ["First-pass", "Geometric-pass"].iter().zip(refinement(network.gpu(), &photos))
     {
-        println!(
-            "{} {:.4} s matching of {:.4} s",
-            name.replace(' ', "-"),
-            matching.as_secs_f64(),
-            all.as_secs_f64()
-        );
+        println!("{name} {:.4} s matching of {:.4} s", matching.as_secs_f64(), all.as_secs_f64());
     }
 }
 
@@ -73,7 +68,7 @@ fn refinement(gpu: &Gpu, photos: &[Photo]) -> [[Duration; 2]; 2] {
     let mut options = RefineOptions::default();
     options.halvings = 1;
     let sources: Vec<&Photo> = photos[1..].iter().collect();
-    let seeds: Vec<DepthMap> = photos.iter().map(|photo| wall(photo, 4)).collect();
+    let seed = wall(&photos[0], 4);
     let maps: Vec<DepthMap> = photos[1..].iter().map(|photo| wall(photo, 2)).collect();
     let maps: Vec<Option<&DepthMap>> = maps.iter().map(Some).collect();
     let run = || {
@@ -82,8 +77,7 @@ fn refinement(gpu: &Gpu, photos: &[Photo]) -> [[Duration; 2]; 2] {
             [std::mem::take(&mut *device.time.lock().expect("no run fails")), begin.elapsed()]
         };
         let begin = Instant::now();
-        let first =
-            refine_on(Some(&device), &photos[0], &sources, (&seeds[0], &[]), &options).expect("a set");
+        let first = refine_on(Some(&device), &photos[0], &sources, (&seed, &[]), &options).expect("a set");
         let of_first = taken(begin);
         let begin = Instant::now();
         let again = (&first.surface(), &maps[..]);

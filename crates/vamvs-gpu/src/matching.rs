@@ -11,7 +11,7 @@ use wgpu::Buffer;
 
 use crate::kernels::Kernel;
 use crate::matching_kernels::MatchingKernels;
-use crate::recorder::{Recorder, Words};
+use crate::recorder::{MOST_OPERATIONS, Recorder, Words};
 use crate::{Gpu, GpuError};
 
 /// Words of a state, and of a source view.
@@ -19,15 +19,12 @@ const STATE: usize = 8;
 const SOURCE: usize = 40;
 
 /// The energy of an impossible plane in the kernels, which know no infinity.
-const IMPOSSIBLE: f32 = 1e30;
+pub const IMPOSSIBLE: f32 = 1e30;
 
-/// About the operations of a plane in a source view at a pixel, and the planes that a pixel tries in a kernel, most of them in two source
-/// views alone.
+/// About the operations of a plane in a source view at a pixel, and the planes that a pixel tries in a kernel, most of them in two
+/// source views alone.
 const OF_PLANE: u64 = 1500;
 const PLANES: u64 = 2;
-
-/// Operations of a dispatch: a slow device works on so many for a tenth of a second.
-const MOST_OPERATIONS: u64 = 4_000_000_000;
 
 impl Device for Gpu {
     fn planes(&self, matching: &Matching<'_>) -> Result<Vec<Matched>, DeviceError> {
@@ -47,9 +44,10 @@ impl From<GpuError> for DeviceError {
 impl Gpu {
     fn matched(&self, matching: &Matching<'_>) -> Result<Vec<Matched>, GpuError> {
         let kernels = self.matching_kernels(matching.options().views.min(vamvs_refine::MOST_SOURCES));
-        let work = Work::new(self, matching)?;
+        let start = matching.begin();
+        let work = Work::new(self, matching, &start)?;
         let mut to = Recorder::new(self);
-        match matching.begin() {
+        match start {
             Start::Search { sweeps } => {
                 work.run(&mut to, &kernels.search, None);
                 for _ in 0..sweeps {
@@ -103,7 +101,7 @@ struct Work {
 }
 
 impl Work {
-    fn new(gpu: &Gpu, matching: &Matching<'_>) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu, matching: &Matching<'_>, start: &Start) -> Result<Self, GpuError> {
         let (mut sources, mut lists) = (Vec::new(), Lists::default());
         for source in matching.sources() {
             sources.extend(lists.words(&source));
@@ -126,10 +124,10 @@ impl Work {
                 .as_ref()
                 .map(|Guesses { size, halvings, beyond, .. }| (*size, *halvings, *beyond)),
         };
-        let planes = match matching.begin() {
+        let planes = match start {
             Start::Search { .. } => None,
             Start::Planes { size, planes } => {
-                parameters.begin = size;
+                parameters.begin = *size;
                 let vectors: Vec<[f32; 4]> = planes.iter().map(|[w, gx, gy]| [*w, *gx, *gy, 0.0]).collect();
                 Some(gpu.upload(&vectors)?)
             }

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use vamvs_refine::matching::{ADJACENT, DIRECTIONS, Matching, constants, texels};
 
 use crate::kernels::{IMAGE, Kernel, filled, kernel, literal};
+use crate::matching::IMPOSSIBLE;
 
 /// Texels that are sampled together.
 const TOGETHER: usize = 4;
@@ -53,6 +54,7 @@ fn names(views: usize) -> Vec<(&'static str, String)> {
     let mut names: Vec<(&str, String)> =
         constants().into_iter().map(|(name, value)| (name, literal(value))).collect();
     names.extend([
+        ("IMPOSSIBLE", literal(IMPOSSIBLE)),
         ("BORDER", Matching::BORDER.to_string()),
         ("VIEWS", views.to_string()),
         ("BEST", best(views)),

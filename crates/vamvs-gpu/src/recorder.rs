@@ -9,7 +9,7 @@ use crate::kernels::Kernel;
 const MOST_GROUPS: u32 = 65535;
 
 /// Operations after which the device is given what was recorded, so that no submission takes long and memory is freed meanwhile.
-const MOST_OPERATIONS: u64 = 4_000_000_000;
+pub const MOST_OPERATIONS: u64 = 4_000_000_000;
 
 /// Records kernels, and gives them to the device.
 pub struct Recorder<'a> {

@@ -86,6 +86,14 @@ pub(crate) fn tell(on_event: &mut OnEvent<'_>, event: Event) -> Result<(), Vamvs
     }
 }
 
+/// Tells warnings, if there are any.
+pub(crate) fn warn(
+    on_event: &mut OnEvent<'_>,
+    warnings: impl IntoIterator<Item = String>,
+) -> Result<(), VamvsError> {
+    warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))
+}
+
 impl Event {
     /// The warning that a view is left out.
     pub(crate) fn left_out(LeftOut { view, reason }: &LeftOut) -> Self {

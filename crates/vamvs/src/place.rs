@@ -1,12 +1,19 @@
 //! Where refinement matches planes: on a device as long as its memory suffices, else on the processor.
 
-use vamvs_refine::matching::{Device, DeviceError};
+use vamvs_core::Size;
+use vamvs_refine::matching::{self, Device, DeviceError};
 use vamvs_refine::{RefineError, RefineOptions, Refined};
 
 use crate::VamvsError;
 
 /// The smallest tiles that are tried on a device, pixels.
 const LEAST_TILE: usize = 256;
+
+/// What refining a photograph takes of the process's memory, bytes.
+pub(crate) fn peak_bytes(photograph: Size, options: &RefineOptions, device: Option<&dyn Device>) -> u64 {
+    let for_device = device.map_or(0, |_| matching::peak_bytes(photograph, options));
+    vamvs_refine::peak_bytes(photograph, options) + for_device
+}
 
 /// Where planes are matched.
 pub(crate) struct Place<'a> {

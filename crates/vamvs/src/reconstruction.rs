@@ -10,11 +10,11 @@ use vamvs_io::masks::Masks;
 
 use crate::depth::draft::{Drafted, draft};
 use crate::depth::{DepthJob, DepthSummary};
-use crate::event::{OnEvent, tell};
+use crate::event::{OnEvent, warn};
 use crate::lenses::warn_of_lenses;
 use crate::photographs::Origin;
 use crate::{
-    DepthOptions, Event, ExportOptions, FuseSummary, FusionOptions, Maps, Method, OutputFolder, PhotoSource,
+    DepthOptions, ExportOptions, FuseSummary, FusionOptions, Maps, Method, OutputFolder, PhotoSource,
     Photographs, Plan, Prepared, Quality, VamvsError, ViewPlan, fit,
 };
 
@@ -135,12 +135,12 @@ impl Reconstruction {
     /// If the module is invalid, the device does not exist, an option is invalid, no view has
     /// another one that sees the same surfaces, or `on_event` breaks.
     pub fn prepare(self, on_event: &mut OnEvent<'_>) -> Result<Prepared, VamvsError> {
-        self.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
-        warn_of_lenses(&self.scene.views).map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
+        warn(on_event, self.warnings)?;
+        warn(on_event, warn_of_lenses(&self.scene.views))?;
         let method = Method::new(self.weights.as_deref(), self.device.as_deref(), &self.depth)?;
         let photographs = Photographs::of(self.origin, &self.depth);
         let (photographs, note) = photographs.stretched(&self.scene.views, &self.depth);
-        note.map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
+        warn(on_event, note)?;
         let Drafted { scene, mut method, views: drafted } =
             draft(self.scene, &photographs, method, &self.depth, on_event)?;
         let one_size = self.depth.fovea || !self.depth.refine;
@@ -152,7 +152,7 @@ impl Reconstruction {
         for view in drafted {
             plan.views[view].iter_mut().for_each(|plan| plan.origin = Some(RangeOrigin::Draft));
         }
-        warning_of_guesses(&plan).map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
+        warn(on_event, warning_of_guesses(&plan))?;
         Ok(Prepared { scene, photographs, plan, method, options: self.depth })
     }
 

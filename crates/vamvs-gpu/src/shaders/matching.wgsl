@@ -62,7 +62,7 @@ struct State {
 @group(0) @binding(7) var<storage, read_write> field: array<State>;
 
 const BORDER: u32 = {BORDER}u;
-const IMPOSSIBLE: f32 = 1e30f; // the energy of an impossible plane
+const IMPOSSIBLE: f32 = {IMPOSSIBLE}; // the energy of an impossible plane
 const STEEPEST: f32 = {STEEPEST};
 const MATCHING: f32 = {MATCHING};
 const AGREE: f32 = {AGREE};
@@ -148,7 +148,7 @@ fn warp_of(i: u32, plane: vec3<f32>) -> Warp {
 // How the source pixel moves with inverse depth.
 fn speed(i: u32, w: f32) -> vec2<f32> {
     let there = seen(i, w);
-    if !(there.z > 0.0) { return vec2<f32>(sources[i].x.w, sources[i].y.w) * 0.0; }
+    if !(there.z > 0.0) { return vec2<f32>(0.0); }
     let scale = 1.0 / there.z;
     let offset = vec3<f32>(sources[i].x.w, sources[i].y.w, sources[i].z.w);
     return (offset.xy - there.xy * scale * offset.z) * scale;

@@ -1,7 +1,7 @@
 //! What is done where memory is short.
 
 use super::maker::{Made, Maker};
-use crate::event::{OnEvent, tell};
+use crate::event::{OnEvent, tell, warn};
 use crate::feature_cache::FeatureCache;
 use crate::refinement::Refinement;
 use crate::{Event, VamvsError, ViewPlan, memory};
@@ -20,8 +20,7 @@ impl Maker<'_> {
         self.features.clear();
         self.refinement.iter_mut().for_each(Refinement::clear);
         memory::give_back();
-        let warning = self.ceiling.warning();
-        warning.map_or(Ok(()), |warning| tell(on_event, Event::Warning(warning)))
+        warn(on_event, self.ceiling.warning())
     }
 
     /// Makes a view's depth maps with an empty feature cache or, if memory still runs out, at half

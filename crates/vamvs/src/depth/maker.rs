@@ -12,7 +12,7 @@ use vamvs_refine::{RefineOptions, Refined};
 
 use super::region::{covered, remove_masked, rescaled, unmasked};
 use crate::ceiling::Ceiling;
-use crate::event::{OnEvent, tell};
+use crate::event::{OnEvent, tell, warn};
 use crate::feature_cache::{FeatureCache, Seen};
 use crate::fit::most_bytes;
 use crate::geometric::Needed;
@@ -20,6 +20,7 @@ use crate::memory::{self, KeptMemory};
 use crate::method::{Clock, Encoded, Estimated, Task};
 use crate::output::LoadedMap;
 use crate::photographs::working_cameras;
+use crate::place::peak_bytes;
 use crate::refinement::{Refinement, Seed};
 use crate::region::shares;
 use crate::{Event, Prepared, VamvsError, ViewPlan};
@@ -119,11 +120,7 @@ impl Prepared {
             return 0;
         }
         let cameras = working_cameras(&self.photographs.full(), &self.scene);
-        let bytes = |size| {
-            let options = RefineOptions::default();
-            let on_device = self.method.device().map(|_| vamvs_refine::matching::peak_bytes(size, &options));
-            vamvs_refine::peak_bytes(size, &options) + on_device.unwrap_or(0)
-        };
+        let bytes = |size| peak_bytes(size, &RefineOptions::default(), self.method.device());
         cameras.iter().map(|camera| bytes(camera.size)).max().unwrap_or(0)
     }
 }
@@ -177,8 +174,7 @@ impl<'a> Maker<'a> {
     ) -> Result<MadeMap, VamvsError> {
         let refinement = self.refinement.as_mut().expect("there are two passes of refinement");
         let refined = refinement.refine_again(view, &plan.sources, first)?;
-        let warning = refinement.warning();
-        warning.map_or(Ok(()), |warning| tell(on_event, Event::Warning(warning)))?;
+        warn(on_event, refinement.warning())?;
         Ok(self.work.calibrated(refined_map(refined)))
     }
 
@@ -215,8 +211,7 @@ impl<'a> Maker<'a> {
                 let knows_surfaces = self.work.method.knows_surfaces().then_some(knows);
                 let seed = Seed { map: &finest.map, visibility: &visibility, region, knows_surfaces };
                 let refined = refined_map(refinement.refine(view, &used, &seed)?);
-                let warning = refinement.warning();
-                warning.map_or(Ok(()), |warning| tell(on_event, Event::Warning(warning)))?;
+                warn(on_event, refinement.warning())?;
                 *finest = if self.work.has_two_passes() { refined } else { self.work.calibrated(refined) };
             }
         }
@@ -257,8 +252,7 @@ impl<'a> Maker<'a> {
         let is_estimated =
             matches!(plan.origin, Some(RangeOrigin::Points | RangeOrigin::Geometry | RangeOrigin::Draft));
         if !is_estimated || plan.foveated || ends == [None; 2] {
-            warn_of_ends(name, ends, plan.planes.range)
-                .map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
+            warn(on_event, warn_of_ends(name, ends, plan.planes.range))?;
             return Ok(found);
         }
         let range = plan.planes.range.widened(ends.map(|end| end.is_some()));
@@ -287,7 +281,7 @@ impl<'a> Maker<'a> {
         let wider = ViewPlan { planes, ..plan.clone() };
         let found = self.find(view, &wider, on_event)?;
         let ends = crowded(&found, &wider.planes);
-        warn_of_ends(name, ends, range).map_or(Ok(()), |text| tell(on_event, Event::Warning(text)))?;
+        warn(on_event, warn_of_ends(name, ends, range))?;
         Ok(found)
     }
 

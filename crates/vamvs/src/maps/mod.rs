@@ -13,7 +13,7 @@ use vamvs_io::Loaded;
 use vamvs_io::masks::Masks;
 use vamvs_io::ply::Coordinates;
 
-use crate::event::{OnEvent, tell};
+use crate::event::{OnEvent, tell, warn};
 use crate::export::for_all_views;
 use crate::output::{ConfidenceKind, LeftOut, Record, names};
 use crate::{Event, MemoryLimit, OutputFolder, VamvsError};
@@ -107,7 +107,7 @@ impl Maps {
         on_event: &mut OnEvent<'_>,
     ) -> Result<Self, VamvsError> {
         let loaded = layout.read_scene()?;
-        loaded.warnings.into_iter().try_for_each(|warning| tell(on_event, Event::Warning(warning)))?;
+        warn(on_event, loaded.warnings)?;
         let own_images = layout.root().join("images");
         let images = given.map(|given| given.images.clone()).filter(|_| !own_images.is_dir());
         let files: Vec<Option<MapFiles>> =

@@ -14,9 +14,9 @@ use vamvs_io::image;
 use vamvs_refine::refine_on;
 
 use crate::ceiling::Ceiling;
-use crate::event::{OnEvent, tell};
+use crate::event::{OnEvent, tell, warn};
 use crate::photographs::{hash_file, working_cameras};
-use crate::place::Place;
+use crate::place::{Place, peak_bytes};
 use crate::{Event, OutputFolder, Pass, VamvsError, geometric, memory};
 
 /// Increased whenever a change gives other depth maps for the same inputs.
@@ -95,8 +95,7 @@ impl<'a> Run<'a> {
                 Err(error) if error.ends_all() => return Err(error),
                 Err(error) => self.leave_out(name, error.with_causes(), on_event)?,
             }
-            let warning = self.place.warning();
-            warning.map_or(Ok(()), |warning| tell(on_event, Event::Warning(warning)))?;
+            warn(on_event, self.place.warning())?;
         }
         if self.first.is_own() {
             self.first.remove(&names)?;
@@ -324,7 +323,7 @@ impl<'a> Run<'a> {
 fn needed(job: &RefineJob<'_>) -> u64 {
     let sizes = working_cameras(job.photographs, job.scene).into_iter().map(|camera| camera.size);
     let photographs = 4 * job.views as u64;
-    let bytes = |size: Size| vamvs_refine::peak_bytes(size, job.options) + photographs * size.area() as u64;
+    let bytes = |size: Size| peak_bytes(size, job.options, job.device) + photographs * size.area() as u64;
     sizes.map(bytes).max().unwrap_or(0)
 }
 
