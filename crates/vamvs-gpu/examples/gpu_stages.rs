@@ -35,7 +35,8 @@ fn main() {
         let operations = operations as f64 / 1e9;
         format!("{operations:.1} GFLOP {:.0} GFLOP/s", operations / time.as_secs_f64())
     };
-    println!("Adapter {}", network.gpu().adapter().name);
+    // What is between commas is read as lines of its own.
+    println!("Adapter {}", network.gpu().adapter().name.replace(',', ""));
     println!("Encode {:.4} s {}", encode.as_secs_f64(), speed(encoding, encode));
     println!("Sweep {:.4} s", sweep.as_secs_f64());
     println!("Regularize {:.4} s {}", regularize.as_secs_f64(), speed(regularizing, regularize));
