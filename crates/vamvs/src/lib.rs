@@ -29,6 +29,7 @@ pub mod memory;
 pub mod mesh;
 mod method;
 pub mod options;
+mod order;
 pub mod output;
 mod part_files;
 pub mod photographs;

@@ -1,7 +1,7 @@
 //! Depth ranges of captures without sparse points: a draft of the depth maps, of small photographs and over wide ranges, finds points,
 //! which tell whether the ranges that the cameras suggest are right.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 
 use nalgebra::Vector3;
@@ -11,6 +11,7 @@ use vamvs_core::{DepthMap, DepthRange, Planes, Scene, SeenPoints, occlusion};
 
 use super::maker::Maker;
 use crate::event::{OnEvent, tell};
+use crate::order::by_photographs;
 use crate::{DepthOptions, Event, Method, Photographs, Plan, Prepared, VamvsError, ViewPlan};
 
 /// Longer side of the photographs, pixels.
@@ -85,7 +86,7 @@ pub(crate) fn draft(
     }
     let plan = widened(plan, &views, &scene, (method.plane_step(), options.max_planes));
     let work = Prepared { scene, photographs, plan, method, options };
-    let maps = maps(&work, &chosen(&work.plan, &views), on_event)?;
+    let maps = maps(&work, &by_photographs(&work.plan, &chosen(&work.plan, &views)), on_event)?;
     let points = points(&maps, &work.plan);
     let Prepared { mut scene, method, .. } = work;
     let ranges = ranges(&scene, points, &guesses);
@@ -128,18 +129,15 @@ fn widened(mut plan: Plan, views: &[usize], scene: &Scene, steps: (f64, usize)) 
 }
 
 /// At most [`MOST_VIEWS`] of these views: all, or some that are evenly spread, with the best source of each.
-fn chosen(plan: &Plan, views: &[usize]) -> Vec<usize> {
+fn chosen(plan: &Plan, views: &[usize]) -> BTreeSet<usize> {
     if views.len() <= MOST_VIEWS {
-        return views.to_vec();
+        return views.iter().copied().collect();
     }
     let half = MOST_VIEWS / 2;
     let spread = (0..half).map(|number| views[number * views.len() / half]);
     let best = |view: usize| plan.views[view].as_ref().ok().and_then(|plan| plan.sources.first().copied());
-    let mut chosen: Vec<usize> = spread.flat_map(|view| [Some(view), best(view)]).flatten().collect();
-    chosen.retain(|&view| plan.views[view].is_ok());
-    chosen.sort_unstable();
-    chosen.dedup();
-    chosen
+    let chosen = spread.flat_map(|view| [Some(view), best(view)]).flatten();
+    chosen.filter(|&view| plan.views[view].is_ok()).collect()
 }
 
 /// The drafts of these views, as far as their photographs can be read.

@@ -10,6 +10,7 @@ use super::maker::{Made, MadeMap, Maker};
 use super::{DepthJob, DepthSummary};
 use crate::event::{OnEvent, tell};
 use crate::identity::Identity;
+use crate::order::by_photographs;
 use crate::output::{ConfidenceKind, LeftOut, Record, SavedMap, names};
 use crate::refinement::Refinement;
 use crate::{Event, OutputFolder, Pass, Prepared, VamvsError, ViewPlan};
@@ -80,10 +81,10 @@ impl<'a> Run<'a> {
         on_event: &mut OnEvent<'_>,
     ) -> Result<(), VamvsError> {
         let work = self.work;
-        let plans = work.plan.views.iter().enumerate().filter(|(view, _)| views.contains(view));
-        let total = plans.clone().filter(|(_, plan)| plan.is_ok()).count();
+        let total = views.iter().filter(|&&view| work.plan.views[view].is_ok()).count();
         let mut done = 0;
-        for (view, plan) in plans {
+        for view in by_photographs(&work.plan, views) {
+            let plan = &work.plan.views[view];
             let name = work.scene.views[view].name.clone();
             let begin = Instant::now();
             self.maker.stay_below_ceiling(on_event)?;

@@ -7,6 +7,7 @@ use super::maker::MadeMap;
 use super::run::Run;
 use crate::event::{OnEvent, tell};
 use crate::geometric::loaded;
+use crate::order::by_photographs;
 use crate::output::{LeftOut, Record, SavedMap};
 use crate::{Event, Pass, VamvsError, ViewPlan};
 
@@ -62,8 +63,8 @@ impl Run<'_> {
         on_event: &mut OnEvent<'_>,
     ) -> Result<(), VamvsError> {
         self.maker.end_method();
-        let views: Vec<usize> =
-            views.iter().copied().filter(|&view| self.work.plan.views[view].is_ok()).collect();
+        let views = views.iter().copied().filter(|&view| self.work.plan.views[view].is_ok()).collect();
+        let views = by_photographs(&self.work.plan, &views);
         let total = views.len();
         for (done, &view) in views.iter().enumerate() {
             if self.left_out.contains(&view) {
