@@ -93,6 +93,9 @@ const FEWEST_POINTS: usize = 10;
 /// Most points that are projected into a view whose tracks name too few.
 const MOST_PROJECTED: usize = 100_000;
 
+/// The share of the points' depths that is left out at each end, and up to which outliers are.
+const LEFT_OUT: [f64; 2] = [0.0025, 0.05];
+
 /// The margins before and behind the points' depths, as shares of their range in inverse depth.
 const MARGINS: [f64; 2] = [0.25, 0.4];
 
@@ -132,7 +135,7 @@ pub fn for_view(
 /// count that project into its image (an even subsample, if there are more than 100,000). `None` if these are fewer
 /// than ten, too.
 ///
-/// At both ends 1 % of the depths, but at least one of more than one, are left out, and up to 5 % as long as they are outliers: nearer or farther than
+/// At both ends a quarter of a percent of the depths, but at least one of more than one, are left out, and up to 5 % as long as they are outliers: nearer or farther than
 /// their quartile by more than the factor r³, where r is the ratio of the quartiles, at least 1.5. Surfaces with little texture,
 /// far walls above all, have few points or none: the margins are a quarter of the remaining range in inverse depth at the near end, and
 /// two fifths at the far end, but at least 2 % of the median depth; the far end is at most four times as far by it.
@@ -203,10 +206,10 @@ fn robust_range(mut depths: Vec<f64>) -> Option<DepthRange> {
     let rank = |share: f64| (share * last as f64).ceil() as usize;
     let (nearer, farther) = (depths[rank(0.25)], depths[last - rank(0.25)]);
     let reach = (farther / nearer).max(1.5).powi(3);
-    // The first depth that is no outlier, among those of the ranks from 1 % to 5 %.
+    // The first depth that is no outlier, among those that may be left out.
     let end = |from_end: &dyn Fn(usize) -> f64, far_out: &dyn Fn(f64) -> bool| {
-        let ranks = rank(0.01)..rank(0.05);
-        ranks.map(from_end).find(|&depth| !far_out(depth)).unwrap_or_else(|| from_end(rank(0.05)))
+        let [first, last] = LEFT_OUT.map(rank);
+        (first..last).map(from_end).find(|&depth| !far_out(depth)).unwrap_or_else(|| from_end(last))
     };
     let near = end(&|rank| depths[rank], &|depth| depth < nearer / reach);
     let far = end(&|rank| depths[last - rank], &|depth| depth > farther * reach);
@@ -281,10 +284,10 @@ mod tests {
     #[test]
     fn points_give_their_range_and_a_margin() {
         let range = ranged(&scene(even(1001), &[0]), 0).unwrap();
-        // At each end 1 % of the length 2 is left out; then the margins are added.
-        let length = 1.0 / 4.02 - 1.0 / 5.98;
-        assert!((1.0 / range.near - (1.0 / 4.02 + 0.25 * length)).abs() < 1e-9, "{range:?}");
-        assert!((1.0 / range.far - (1.0 / 5.98 - 0.4 * length)).abs() < 1e-9, "{range:?}");
+        // At each end three of the 1001 depths are left out; then the margins are added.
+        let length = 1.0 / 4.006 - 1.0 / 5.994;
+        assert!((1.0 / range.near - (1.0 / 4.006 + 0.25 * length)).abs() < 1e-9, "{range:?}");
+        assert!((1.0 / range.far - (1.0 / 5.994 - 0.4 * length)).abs() < 1e-9, "{range:?}");
     }
 
     #[test]
